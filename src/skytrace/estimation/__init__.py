@@ -1,0 +1,1 @@
+"""Estimation: from cleaned tracks to synchronisation, geometry, trajectory and adjustment."""

@@ -1,0 +1,1 @@
+"""Files in and out; other conventions are converted here and nowhere else."""

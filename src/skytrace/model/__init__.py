@@ -1,0 +1,1 @@
+"""The nouns of the package: cameras, clocks, tracks, trajectories, reconstructions. Frozen, checked on construction."""

@@ -1,0 +1,97 @@
+"""Estimated things: where each camera stood, how its clock ran, and the target's path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray, frozen_array
+from skytrace.geometry.rigid import Rigid
+from skytrace.model.camera import Clock, Intrinsics
+from skytrace.model.trajectory import Trajectory
+
+Gauge = Literal["arbitrary", "metric"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TwoView:
+    """Relative geometry and time of two cameras."""
+
+    camera0: str
+    camera1: str
+    camera1_from_camera0: Rigid  # unit baseline
+    offset_s: float  # camera time of camera 1 = offset_s + rate * camera time of camera 0
+    rate: float
+    inlier_s: float  # seconds of common view that obey the geometry
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class ClockDeviation:
+    """Posterior standard deviations of a clock; 0 for what the gauge fixes."""
+
+    offset_s: float
+    period_s: float
+    readout_s: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Residuals:
+    """What the estimate leaves unexplained of one camera's detections, those used in the adjustment."""
+
+    frame: IntArray  # (n,)
+    time_s: FloatArray  # (n,) on the reference clock
+    measured_px: FloatArray  # (n, 2) raw pixels
+    error_px: FloatArray  # (n, 2) projected minus measured
+    inlier: BoolArray  # (n,) detections that agree with the estimate
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame", frozen_array(self.frame, (None,), "frame", np.int64))
+        n = len(self.frame)
+        object.__setattr__(self, "time_s", frozen_array(self.time_s, (n,), "time_s"))
+        object.__setattr__(self, "measured_px", frozen_array(self.measured_px, (n, 2), "measured_px"))
+        object.__setattr__(self, "error_px", frozen_array(self.error_px, (n, 2), "error_px"))
+        object.__setattr__(self, "inlier", frozen_array(self.inlier, (n,), "inlier", np.bool_))
+
+    @property
+    def median_px(self) -> float:
+        """Median length of the reprojection errors of every detection used, outliers included."""
+        return float(np.median(np.linalg.norm(self.error_px, axis=1))) if len(self.frame) else float("nan")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CameraEstimate:
+    """A registered camera."""
+
+    camera_from_world: Rigid
+    clock: Clock
+    calibrated: Intrinsics
+    refined: Intrinsics
+    residuals: Residuals
+    sigma_px: float  # robust deviation of the residuals per axis
+    clock_deviation: ClockDeviation
+    centre_deviation: FloatArray  # (3,) in world units
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre_deviation", frozen_array(self.centre_deviation, (3,), "centre_deviation"))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Reconstruction:
+    """Everything recovered. A camera that was not registered is absent from `cameras` and named in `unregistered`."""
+
+    reference: str
+    cameras: Mapping[str, CameraEstimate]
+    trajectory: Trajectory
+    gauge: Gauge = "arbitrary"
+    unregistered: Mapping[str, str] = field(default_factory=dict)  # camera id -> reason
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
+        object.__setattr__(self, "unregistered", MappingProxyType(dict(self.unregistered)))
+        if self.reference not in self.cameras:
+            raise ValueError(f"reference: {self.reference!r} is not a registered camera")

@@ -1,0 +1,1 @@
+"""Solvers on plain arrays: minimal problems, RANSAC, splines, banded least squares."""
