@@ -1,0 +1,1 @@
+"""Spatio-temporal bundle adjustment: poses, clocks, lenses and the trajectory together."""

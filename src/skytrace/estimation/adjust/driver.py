@@ -1,0 +1,254 @@
+"""The adjustment of a scene: from recordings and a first guess to the estimate, its weights and its residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from skytrace.estimation import noise
+from skytrace.estimation.adjust import kernel, solve
+from skytrace.estimation.adjust.problem import (
+    ASPECT,
+    CENTRE,
+    FOCAL,
+    N_PARAMETERS,
+    OFFSET,
+    PRINCIPAL,
+    RADIAL,
+    RATE,
+    READOUT,
+    ROTATION,
+    Observations,
+    Priors,
+    Problem,
+    State,
+    Weights,
+)
+from skytrace.estimation.priors import MotionPrior, PriorKind, automatic_weight, energy_trace, motion_prior
+from skytrace.estimation.scene import CameraState, Scene
+from skytrace.geometry.arrays import FloatArray, IntArray
+from skytrace.geometry.rigid import Rigid, nearest_rotation
+from skytrace.model.track import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class AdjustSettings:
+    """Prior deviations are those of real consumer cameras and their calibrations, not tuned to a recording."""
+
+    motion_prior: PriorKind = "jerk"
+    loss_scale: float = 2.0
+    rate_sigma: float = 1e-3
+    readout_fraction: float = 0.6  # of a frame period
+    readout_sigma: float = 0.1
+    focal_sigma: float = 0.02
+    aspect_sigma: float = 0.0035
+    principal_sigma: float = 0.007  # of the focal length
+    radial_sigma: tuple[float, float, float] = (0.07, 0.2, 0.2)
+    smallest_sigma_ratio: float = 0.5  # of the median camera's
+    tolerance: float = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Freedom:
+    """Which groups of parameters an adjustment may move."""
+
+    rolling_shutter: bool = True
+    focal: bool = True
+    lens: bool = True  # aspect, principal point, radial distortion
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Adjusted:
+    """The outcome: the scene, and what is needed to judge it."""
+
+    scene: Scene
+    camera_ids: tuple[str, ...]
+    problem: Problem
+    state: State
+    priors: Priors
+    weights: Weights
+    motion: MotionPrior
+    frames: IntArray  # (n,) frame of each observation
+    residual_px: FloatArray  # (n, 2) projected minus measured; NaN where the trajectory does not reach
+    inflation: float  # residuals per independent one, of the slowest camera: deviations grow by its root
+    cost: float
+    iterations: int
+    converged: bool
+
+
+def adjust(
+    scene: Scene,
+    recordings: Mapping[str, Recording],
+    settings: AdjustSettings,
+    freedom: Freedom,
+    *,
+    rounds: int,
+    iterations: int,
+    weights: Weights | None = None,
+    motion_weight: float | None = None,
+) -> Adjusted:
+    """Alternate the minimisation with the estimation of noise, of its correlation, and of the motion prior's weight."""
+    camera_ids = tuple(scene.cameras)
+    problem, state, frames = build(scene, recordings, camera_ids)
+    common = 1.0
+    motion = motion_prior(settings.motion_prior, problem.grid.spacing_s, problem.grid.runs, 1.0)
+    priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
+    if weights is None or len(weights.sigma_px) != len(camera_ids):
+        weights, common = estimate_weights(problem, state, frames, recordings, camera_ids, settings)
+    if motion.automatic:
+        first = 1.0 / max(motion.energy(state.control), 1e-300) * motion.rank
+        motion = motion.weighted(motion_weight if motion_weight is not None else first)
+    total = 0
+    solution = solve.Solution(state, np.inf, 0, False)
+    for k in range(rounds):
+        priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
+        solution = solve.minimise(
+            problem, state, priors, weights, motion, max_iterations=iterations, tolerance=settings.tolerance
+        )
+        state, total = solution.state, total + solution.iterations
+        if k < rounds - 1:
+            weights, common = estimate_weights(problem, state, frames, recordings, camera_ids, settings)
+            motion = reweighted(problem, state, priors, weights, motion)
+    return Adjusted(
+        to_scene(scene, problem, state, recordings, camera_ids),
+        camera_ids,
+        problem,
+        state,
+        priors,
+        weights,
+        motion,
+        frames,
+        solve.predict(problem, state) - problem.observations.xy_px,
+        common,
+        solution.cost,
+        total,
+        solution.converged,
+    )
+
+
+def build(
+    scene: Scene, recordings: Mapping[str, Recording], camera_ids: tuple[str, ...]
+) -> tuple[Problem, State, IntArray]:
+    """The problem, its start and the frame number of each observation."""
+    if scene.grid is None or scene.control is None:
+        raise ValueError("scene: expected a fitted trajectory")
+    camera, tau, row, xy, frames, calibration, clock = [], [], [], [], [], [], []
+    for index, camera_id in enumerate(camera_ids):
+        recording, known = recordings[camera_id], scene.cameras[camera_id]
+        times = np.concatenate([recording.camera_time_s(track) for track in recording.tracks])
+        pixels = np.concatenate([track.xy_px for track in recording.tracks])
+        mean = mean_camera_time_s(recording)
+        camera.append(np.full(len(times), index))
+        tau.append(times - mean)
+        row.append(pixels[:, 1] / recording.intrinsics.height_px)
+        xy.append(pixels)
+        frames.append(np.concatenate([track.frame for track in recording.tracks]))
+        lens = recording.intrinsics
+        calibration.append(np.concatenate([lens.focal_px, lens.principal_px, lens.distortion]))
+        clock.append([known.offset_s + known.rate * mean, known.rate, known.readout_s])
+    observations = Observations(
+        np.concatenate(camera), np.concatenate(tau), np.concatenate(row), np.concatenate(xy)
+    )
+    poses = [scene.cameras[c].camera_from_world for c in camera_ids]
+    state = State(
+        np.stack([p.rotation for p in poses]),
+        np.stack([p.centre for p in poses]),
+        np.array(clock),
+        np.stack([scene.cameras[c].lens for c in camera_ids]),
+        np.array(scene.control),
+    )
+    problem = Problem(observations, np.stack(calibration), scene.grid, camera_ids.index(scene.reference))
+    return problem, state, np.concatenate(frames)
+
+
+def mean_camera_time_s(recording: Recording) -> float:
+    """Mean camera time of all detections."""
+    total = sum(float(recording.camera_time_s(track).sum()) for track in recording.tracks)
+    return total / recording.n_detections
+
+
+def to_scene(
+    scene: Scene, problem: Problem, state: State, recordings: Mapping[str, Recording], camera_ids: tuple[str, ...]
+) -> Scene:
+    """The scene at a state."""
+    cameras = {}
+    for i, camera_id in enumerate(camera_ids):
+        at_mean, rate, readout = state.clock[i]
+        cameras[camera_id] = CameraState(
+            Rigid.from_centre(nearest_rotation(state.rotation[i]), state.centre[i]),
+            float(at_mean - rate * mean_camera_time_s(recordings[camera_id])),
+            float(rate),
+            float(readout),
+            state.lens[i],
+        )
+    return Scene(scene.reference, cameras, problem.grid, state.control)
+
+
+def make_priors(
+    problem: Problem,
+    recordings: Mapping[str, Recording],
+    camera_ids: tuple[str, ...],
+    settings: AdjustSettings,
+    freedom: Freedom,
+    inflation: float,
+) -> Priors:
+    """Priors in units of the white-noise objective.
+
+    The residuals' correlation makes that objective overstate the data by `inflation`, so the priors are tightened by
+    its root: the estimate is that of honest data against honest priors.
+    """
+    n = problem.n_cameras
+    mean, deviation = np.zeros((n, N_PARAMETERS)), np.zeros((n, N_PARAMETERS))
+    period = np.array([1 / recordings[c].frame_rate_hz for c in camera_ids])
+    mean[:, RATE], mean[:, READOUT] = 1.0, settings.readout_fraction * period
+    deviation[:, ROTATION] = deviation[:, CENTRE] = deviation[:, OFFSET] = np.inf
+    deviation[:, RATE] = settings.rate_sigma
+    if freedom.rolling_shutter:
+        deviation[:, READOUT] = settings.readout_sigma * period
+    if freedom.focal:
+        deviation[:, FOCAL] = settings.focal_sigma
+    if freedom.lens:
+        deviation[:, ASPECT] = settings.aspect_sigma
+        deviation[:, PRINCIPAL] = settings.principal_sigma
+        deviation[:, RADIAL] = settings.radial_sigma
+    deviation[problem.reference, :8] = 0.0  # the gauge: pose and clock of the reference camera
+    return Priors(mean, deviation / np.sqrt(inflation))
+
+
+def estimate_weights(
+    problem: Problem,
+    state: State,
+    frames: IntArray,
+    recordings: Mapping[str, Recording],
+    camera_ids: tuple[str, ...],
+    settings: AdjustSettings,
+) -> tuple[Weights, float]:
+    """Each camera's noise and information per residual, and how much the residuals' correlation inflates variances.
+
+    Correlations last some time whatever the frame rate, so a residual of a fast camera carries less information than
+    one of a slow camera. The inflation is that of the slowest camera, for the correlation time typical of all.
+    """
+    residual = solve.predict(problem, state) - problem.observations.xy_px
+    sigma, correlation_s, rate = np.ones(len(camera_ids)), np.zeros(len(camera_ids)), np.zeros(len(camera_ids))
+    for i, camera_id in enumerate(camera_ids):
+        own = problem.observations.camera == i
+        rate[i] = recordings[camera_id].frame_rate_hz
+        sigma[i] = noise.robust_sigma(residual[own])
+        correlation_s[i] = noise.inflation(residual[own], frames[own], sigma[i], rate[i]) / rate[i]
+    slowest = float(rate.min())
+    common = max(1.0, float(np.median(correlation_s)) * slowest)
+    # A camera whose noise seems to vanish is being followed by the spline, not measured better than all others.
+    sigma = np.maximum(sigma, settings.smallest_sigma_ratio * float(np.median(sigma)))
+    return Weights(sigma, slowest / rate, settings.loss_scale), common
+
+
+def reweighted(problem: Problem, state: State, priors: Priors, weights: Weights, motion: MotionPrior) -> MotionPrior:
+    """The motion prior with its automatic weight at a state."""
+    if not motion.automatic:
+        return motion
+    equations = solve.assemble(problem, state, priors, weights, motion)
+    factor = solve.eliminate(equations, 0.0)
+    trace = energy_trace(motion, kernel.banded_inverse(factor.band))
+    return motion.weighted(automatic_weight(motion, state.control, trace))

@@ -1,0 +1,51 @@
+"""How large residuals are, and how much independent information each of them carries."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skytrace.geometry.arrays import FloatArray, IntArray
+
+_SMALLEST_SIGMA_PX = 1e-7  # exact data would otherwise divide by zero
+
+
+def robust_sigma(residual_px: FloatArray) -> float:
+    """Standard deviation per axis of residuals (n, 2) from the median of their magnitudes; NaN rows are ignored."""
+    finite = np.isfinite(residual_px[:, 0])
+    if not finite.any():
+        return 1.0
+    return max(1.4826 * float(np.median(np.abs(residual_px[finite]))), _SMALLEST_SIGMA_PX)
+
+
+def inflation(
+    residual_px: FloatArray, frame: IntArray, sigma_px: float, frame_rate_hz: float, longest_s: float = 3.0
+) -> float:
+    """How many residuals (n, 2) at frames (n,) together carry the information of one: 1 + 2 sum of autocorrelations.
+
+    The sum runs over lags up to the first that is not positive (Geyer, "Practical Markov chain Monte Carlo", 1992), at
+    most `longest_s`. Residuals are clipped at three deviations first, so that outliers do not hide the correlation.
+    """
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    finite = np.isfinite(residual_px[:, 0])
+    if finite.sum() < 10:
+        return 1.0
+    position = frame[finite] - frame[finite].min()
+    clipped = np.clip(residual_px[finite] / sigma_px, -3, 3)
+    # Very long recordings are judged by the stretch that fits; correlations are local.
+    within = position < 2_000_000
+    position, clipped = position[within], clipped[within]
+    length = next_fast_len(2 * (int(position.max()) + 1), real=True)
+    signal = np.zeros((3, length))
+    signal[0, position] = 1.0
+    signal[1:, position] = clipped.T
+    spectrum = rfft(signal, axis=1)
+    correlation = irfft(np.abs(spectrum) ** 2, length, axis=1)
+    lags = max(2, min(length // 2, round(longest_s * frame_rate_hz)))
+    pairs = np.maximum(np.rint(correlation[0, :lags]), 1.0)
+    covariance = (correlation[1, :lags] + correlation[2, :lags]) / pairs
+    if covariance[0] <= 0:
+        return 1.0
+    rho = covariance[1:] / covariance[0]
+    stop = np.flatnonzero(rho <= 0)
+    return float(1 + 2 * rho[: stop[0] if len(stop) else len(rho)].sum())

@@ -1,0 +1,66 @@
+"""The reconstruction while it grows: the cameras registered so far and the spline through what they see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from skytrace.estimation.adjust.problem import KnotGrid
+from skytrace.geometry.arrays import FloatArray, frozen_array
+from skytrace.geometry.rigid import Rigid
+from skytrace.model.camera import Clock, Intrinsics
+from skytrace.model.track import Recording
+
+N_LENS = 7
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CameraState:
+    """A registered camera: t = offset_s + rate * camera time + readout_s * row / height."""
+
+    camera_from_world: Rigid
+    offset_s: float
+    rate: float
+    readout_s: float
+    lens: FloatArray  # (7,) change of the calibration, see adjust.problem.LENS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lens", frozen_array(self.lens, (N_LENS,), "lens"))
+
+    def clock(self, recording: Recording) -> Clock:
+        return Clock(
+            self.offset_s, self.rate / recording.frame_rate_hz, self.readout_s, recording.intrinsics.height_px
+        )
+
+    def intrinsics(self, calibrated: Intrinsics) -> Intrinsics:
+        """The calibration with this camera's refinement applied."""
+        focal, aspect, principal_x, principal_y, k1, k2, k3 = self.lens
+        scale = np.exp([focal, focal + aspect])
+        return Intrinsics(
+            calibrated.focal_px * scale,
+            calibrated.principal_px + calibrated.focal_px * [principal_x, principal_y],
+            calibrated.distortion + [k1, k2, 0.0, 0.0, k3],
+            calibrated.size_px,
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """Registered cameras by id, the camera that fixes the gauge, and the trajectory (none before it is fitted)."""
+
+    reference: str
+    cameras: Mapping[str, CameraState]
+    grid: KnotGrid | None = None
+    control: FloatArray | None = None  # (m, 3)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
+
+    def with_camera(self, camera_id: str, camera: CameraState) -> Scene:
+        return replace(self, cameras={**self.cameras, camera_id: camera})
+
+    def with_trajectory(self, grid: KnotGrid, control: FloatArray) -> Scene:
+        return replace(self, grid=grid, control=control)
