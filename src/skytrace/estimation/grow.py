@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from skytrace.estimation.adjust.driver import Adjusted, AdjustSettings, Freedom, adjust
+from skytrace.estimation.adjust.driver import Adjusted, adjust
+from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
 from skytrace.estimation.correspond import ImagePath
 from skytrace.estimation.initialize import InitialPair
-from skytrace.estimation.register import Registration, RegisterSettings, register
+from skytrace.estimation.register import RegisterSettings, register
 from skytrace.estimation.scene import N_LENS, CameraState, Scene
 from skytrace.estimation.structure import StructureSettings, fit_structure, triangulate_scene
 from skytrace.model.track import Recording
@@ -23,57 +24,68 @@ class GrowSettings:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Growth:
+    """What every step of the growth needs: the measurements, the clocks from synchronisation, and the settings."""
+
+    recordings: Mapping[str, Recording]
+    paths: Mapping[str, ImagePath]
+    clocks: Mapping[str, tuple[float, float]]  # offset_s, rate
+    structure: StructureSettings
+    registration: RegisterSettings
+    adjustment: AdjustSettings
+    settings: GrowSettings
+    seed: int
+
+    def settle(self, scene: Scene) -> Adjusted:
+        """Triangulate with every camera there, fit the spline, adjust.
+
+        Lenses stay at their calibration: with few cameras a free focal length ruins the geometry.
+        """
+        scene = fit_structure(scene, triangulate_scene(scene, self.paths, self.structure), self.structure)
+        fixed = Freedom(rolling_shutter=False, focal=False, lens=False)
+        rounds, iterations = self.settings.rounds, self.settings.iterations
+        return adjust(scene, self.recordings, self.adjustment, fixed, rounds=rounds, iterations=iterations)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Grown:
-    """A scene after one more camera, with its adjustment, and why cameras still missing could not be added."""
+    """A scene with its adjustment, the camera just added, and why cameras still missing could not be added."""
 
     adjusted: Adjusted
     added: str | None
     missing: Mapping[str, str]
 
 
-def grow(
-    start: InitialPair,
-    clocks: Mapping[str, tuple[float, float]],
-    paths: Mapping[str, ImagePath],
-    recordings: Mapping[str, Recording],
-    *,
-    structure: StructureSettings,
-    registration: RegisterSettings,
-    adjustment: AdjustSettings,
-    settings: GrowSettings,
-    seed: int,
-) -> Iterator[Grown]:
-    """Yield the scene of the initial pair and then after each camera added.
+def grow(start: InitialPair, growth: Growth) -> Iterator[Grown]:
+    """Yield the scene of the initial pair and then after each camera added, until none can be."""
+    waiting = [c for c in growth.clocks if c not in start.scene.cameras]
+    grown = Grown(growth.settle(start.scene), None, dict.fromkeys(waiting, "not tried yet"))
+    yield grown
+    yield from complete(grown, growth)
 
-    Lenses stay at their calibration meanwhile: with two cameras a free focal length ruins the geometry. A camera that
-    fails is tried again whenever another has been added.
-    """
-    fixed = Freedom(rolling_shutter=False, focal=False, lens=False)
 
-    def settle(scene: Scene) -> Adjusted:
-        found = triangulate_scene(scene, paths, structure)
-        scene = fit_structure(scene, found, structure)
-        return adjust(scene, recordings, adjustment, fixed, rounds=settings.rounds, iterations=settings.iterations)
-
-    adjusted = settle(start.scene)
-    waiting = [c for c in clocks if c not in start.scene.cameras]
-    yield Grown(adjusted, None, dict.fromkeys(waiting, "not tried yet"))
-    while waiting:
-        scene = adjusted.scene
-        supported = triangulate_scene(scene, paths, structure).time_s
-        tried = {
-            c: register(scene, supported, paths[c], *clocks[c], structure.rate_hz, registration, seed) for c in waiting
-        }
-        best = max(waiting, key=lambda c: (tried[c].camera_from_world is not None, tried[c].inlier_s))
-        missing = {c: t.reason for c, t in tried.items() if c != best}
-        pose = tried[best].camera_from_world
-        if pose is None:
-            yield Grown(adjusted, None, {c: t.reason for c, t in tried.items()})
+def complete(grown: Grown, growth: Growth) -> Iterator[Grown]:
+    """Add missing cameras one by one; those that fail are tried again whenever another has been added."""
+    while grown.missing:
+        grown = add_next(grown.adjusted, list(grown.missing), growth)
+        yield grown
+        if grown.added is None:
             return
-        readout = adjustment.readout_fraction / recordings[best].frame_rate_hz
-        scene = scene.with_camera(best, CameraState(pose, *clocks[best], readout, np.zeros(N_LENS)))
-        adjusted = settle(scene)
-        waiting.remove(best)
-        yield Grown(adjusted, best, missing)
 
 
+def add_next(adjusted: Adjusted, waiting: Sequence[str], growth: Growth) -> Grown:
+    """Register the waiting camera that agrees with most of the trajectory, and adjust; none may be left out for good."""
+    scene, hz = adjusted.scene, growth.structure.rate_hz
+    supported_s = triangulate_scene(scene, growth.paths, growth.structure).time_s
+    tried = {
+        c: register(scene, supported_s, growth.paths[c], *growth.clocks[c], hz, growth.registration, growth.seed)
+        for c in waiting
+    }
+    best = max(waiting, key=lambda c: (tried[c].camera_from_world is not None, tried[c].inlier_s))
+    pose = tried[best].camera_from_world
+    if pose is None:
+        return Grown(adjusted, None, {c: t.reason for c, t in tried.items()})
+    readout_s = growth.adjustment.readout_fraction / growth.recordings[best].frame_rate_hz
+    camera = CameraState(pose, *growth.clocks[best], readout_s, np.zeros(N_LENS))
+    missing = {c: t.reason or "not tried yet" for c, t in tried.items() if c != best}
+    return Grown(growth.settle(scene.with_camera(best, camera)), best, missing)

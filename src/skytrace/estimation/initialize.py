@@ -26,7 +26,9 @@ class InitialSettings:
     good_angle_rad: float = 0.35  # parallax beyond which more is no better
     min_angle_rad: float = 0.035
     min_support_s: float = 8.0
-    min_extent: float = 0.02  # second-largest extent of the flight relative to its largest: below, it is a straight line
+    min_extent: float = (
+        0.02  # second-largest extent of the flight relative to its largest: below, it is a straight line
+    )
     min_image_extent: float = 0.01  # of the image motion on the plane z = 1: below, the target hovers
     rotation_share: float = 0.9  # of the support that a pure rotation may explain
 
@@ -96,9 +98,7 @@ def _try_pair(
     if share > settings.rotation_share:
         return _Failure("parallax", share)
     cameras = {
-        c: CameraState(
-            pose, clock[0], clock[1], readout_fraction / recordings[c].frame_rate_hz, np.zeros(N_LENS)
-        )
+        c: CameraState(pose, clock[0], clock[1], readout_fraction / recordings[c].frame_rate_hz, np.zeros(N_LENS))
         for c, pose, clock in (
             (pair.camera0, Rigid.identity(), clock0),
             (pair.camera1, geometry, clock1),

@@ -57,8 +57,14 @@ def _best_group(modes: Modes, available: set[int], tolerance_s: float, beam: int
                 proposals = [offsets[i] + m.offset_s for i in offsets for m in _candidates(modes, i, k)]
                 for t in proposals:
                     gain = sum(
-                        max((m.score for m in _candidates(modes, i, k) if abs(offsets[i] + m.offset_s - t) <= tolerance_s),
-                            default=0.0)
+                        max(
+                            (
+                                m.score
+                                for m in _candidates(modes, i, k)
+                                if abs(offsets[i] + m.offset_s - t) <= tolerance_s
+                            ),
+                            default=0.0,
+                        )
                         for i in offsets
                     )
                     grown.append(({**offsets, k: t}, score + gain))
@@ -103,8 +109,12 @@ def joint_clocks(
     """
     unknown = [c for c in cameras if c != reference]
     column = {c: 2 * k for k, c in enumerate(unknown)}
-    centre = {c: np.mean([p.centre_s if p.i == c else p.offset_s + p.rate * p.centre_s
-                          for p in pairs if c in (p.i, p.j)] or [0.0]) for c in cameras}
+    centre = {
+        c: np.mean(
+            [p.centre_s if p.i == c else p.offset_s + p.rate * p.centre_s for p in pairs if c in (p.i, p.j)] or [0.0]
+        )
+        for c in cameras
+    }
     rows, rhs, base = [], [], []
     for p in pairs:
         for end in (-1.0, 1.0):

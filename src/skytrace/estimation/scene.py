@@ -31,9 +31,7 @@ class CameraState:
         object.__setattr__(self, "lens", frozen_array(self.lens, (N_LENS,), "lens"))
 
     def clock(self, recording: Recording) -> Clock:
-        return Clock(
-            self.offset_s, self.rate / recording.frame_rate_hz, self.readout_s, recording.intrinsics.height_px
-        )
+        return Clock(self.offset_s, self.rate / recording.frame_rate_hz, self.readout_s, recording.intrinsics.height_px)
 
     def intrinsics(self, calibrated: Intrinsics) -> Intrinsics:
         """The calibration with this camera's refinement applied."""

@@ -186,7 +186,9 @@ def _reconcile(
     reference = min(group)
     clocks, disagreement = joint_clocks(
         [
-            PairClock(i, j, p.view.offset_s, p.view.rate, p.geometry.centre_s, p.geometry.overlap_s / 4, p.view.inlier_s)
+            PairClock(
+                i, j, p.view.offset_s, p.view.rate, p.geometry.centre_s, p.geometry.overlap_s / 4, p.view.inlier_s
+            )
             for i, j, p in trusted
         ],
         sorted(group),
@@ -226,7 +228,7 @@ def _largest_component(n: int, edges: Sequence[tuple[int, int]], start: int | No
         while frontier:
             node = frontier.pop()
             for i, j in edges:
-                for other in ((j,) if i == node else (i,) if j == node else ()):
+                for other in (j,) if i == node else (i,) if j == node else ():
                     if other not in component:
                         component.add(other)
                         frontier.append(other)

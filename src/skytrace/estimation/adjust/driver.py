@@ -26,37 +26,12 @@ from skytrace.estimation.adjust.problem import (
     State,
     Weights,
 )
-from skytrace.estimation.priors import MotionPrior, PriorKind, automatic_weight, energy_trace, motion_prior
+from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
+from skytrace.estimation.priors import MotionPrior, automatic_weight, energy_trace, motion_prior
 from skytrace.estimation.scene import CameraState, Scene
 from skytrace.geometry.arrays import FloatArray, IntArray
 from skytrace.geometry.rigid import Rigid, nearest_rotation
 from skytrace.model.track import Recording
-
-
-@dataclass(frozen=True, slots=True)
-class AdjustSettings:
-    """Prior deviations are those of real consumer cameras and their calibrations, not tuned to a recording."""
-
-    motion_prior: PriorKind = "jerk"
-    loss_scale: float = 2.0
-    rate_sigma: float = 1e-3
-    readout_fraction: float = 0.6  # of a frame period
-    readout_sigma: float = 0.1
-    focal_sigma: float = 0.02
-    aspect_sigma: float = 0.0035
-    principal_sigma: float = 0.007  # of the focal length
-    radial_sigma: tuple[float, float, float] = (0.07, 0.2, 0.2)
-    smallest_sigma_ratio: float = 0.5  # of the median camera's
-    tolerance: float = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class Freedom:
-    """Which groups of parameters an adjustment may move."""
-
-    rolling_shutter: bool = True
-    focal: bool = True
-    lens: bool = True  # aspect, principal point, radial distortion
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -148,9 +123,7 @@ def build(
         lens = recording.intrinsics
         calibration.append(np.concatenate([lens.focal_px, lens.principal_px, lens.distortion]))
         clock.append([known.offset_s + known.rate * mean, known.rate, known.readout_s])
-    observations = Observations(
-        np.concatenate(camera), np.concatenate(tau), np.concatenate(row), np.concatenate(xy)
-    )
+    observations = Observations(np.concatenate(camera), np.concatenate(tau), np.concatenate(row), np.concatenate(xy))
     poses = [scene.cameras[c].camera_from_world for c in camera_ids]
     state = State(
         np.stack([p.rotation for p in poses]),

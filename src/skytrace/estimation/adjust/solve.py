@@ -147,12 +147,12 @@ def step(equations: NormalEquations, factor: Factor) -> tuple[FloatArray, FloatA
     from scipy.linalg import cho_solve_banded
 
     rhs = -(equations.camera_gradient - factor.solved_coupling.T @ equations.spline_gradient)
-    camera_step = _constrained_solve(factor.reduced, rhs, equations.scale_constraint)
+    camera_step = constrained_solve(factor.reduced, rhs, equations.scale_constraint)
     residual = -(equations.spline_gradient + equations.coupling @ camera_step)
     return camera_step, cho_solve_banded((factor.band, True), residual, check_finite=False)
 
 
-def _constrained_solve(A: FloatArray, b: FloatArray, direction: FloatArray | None) -> FloatArray:
+def constrained_solve(A: FloatArray, b: FloatArray, direction: FloatArray | None) -> FloatArray:
     """Solve A x = b, for b (p,) or (p, k), subject to direction . x = 0; A need only be definite on that plane."""
     from scipy.linalg import cho_factor, cho_solve
 

@@ -1,0 +1,114 @@
+"""How sure the adjustment is: deviations of the trajectory, the camera centres and the clocks.
+
+The normal matrix at the solution, eliminated as for a step, gives the covariance without a dense inversion: the band of
+the spline's inverse (given the cameras) plus what the cameras' covariance adds through the coupling. All deviations are
+inflated by the residuals' correlation in time. Positions are free up to a similarity, so deviations are those that remain
+after the best alignment of the whole trajectory: the choice of the reference camera does not enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skytrace.estimation.adjust import kernel, solve
+from skytrace.estimation.adjust.driver import Adjusted
+from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS, N_PARAMETERS
+from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.rigid import hat
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Posterior:
+    """Standard deviations; 0 for what is held fixed."""
+
+    knot_sigma: FloatArray  # (knots,) of the position at each knot of each run, runs one after another
+    centre: FloatArray  # (c, 3) in world units
+    clock: FloatArray  # (c, 3) time at mean camera time (s), rate, readout (s)
+    clock_offset: FloatArray  # (c,) of the offset at camera time 0 (s)
+    lens: FloatArray  # (c, 7)
+
+
+def knot_weights(run_lengths: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """First control point (k,) of each knot of each run, and the three weights (3,) that give the position there."""
+    first, start = [], 0
+    for n in run_lengths:
+        first.append(start + np.arange(n + 1))
+        start += n + 3
+    return np.concatenate(first), np.array([1.0, 4.0, 1.0]) / 6
+
+
+def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray) -> Posterior:
+    """Deviations at the adjusted state; `mean_camera_time_s` (c,) refers the clock offsets to camera time 0."""
+    problem, state = adjusted.problem, adjusted.state
+    equations = solve.assemble(problem, state, adjusted.priors, adjusted.weights, adjusted.motion)
+    factor = solve.eliminate(equations, 0.0)
+    identity = np.eye(len(factor.reduced))
+    covariance = solve.constrained_solve(factor.reduced, identity, equations.scale_constraint)
+
+    first, weights = knot_weights(adjusted.motion.run_lengths)
+    local = _knot_variances(kernel.banded_inverse(factor.band), first, weights)
+    solved = factor.solved_coupling.reshape(len(state.control), 3, -1)
+    response = -sum(w * solved[first + k] for k, w in enumerate(weights))  # (knots, 3, p) of positions to cameras
+    positions = sum(w * state.control[first + k] for k, w in enumerate(weights))
+
+    free = adjusted.priors.free
+    centres = np.zeros((problem.n_cameras, N_PARAMETERS, free.sum()))
+    centres.reshape(-1, free.sum())[free.ravel()] = np.eye(free.sum())
+    centres = centres[:, CENTRE]  # (c, 3, p)
+    alignment = _alignment_response(positions, response)  # (7, p)
+    response = response - _generators(positions) @ alignment
+    centres = centres - _generators(state.centre) @ alignment
+
+    camera_variance = np.einsum("kap,pq,kaq->ka", response, covariance, response, optimize=True)
+    inflation = adjusted.inflation
+    deviation = np.zeros((problem.n_cameras, N_PARAMETERS))
+    deviation[free] = np.sqrt(np.maximum(np.diag(covariance), 0) * inflation)
+    return Posterior(
+        np.sqrt(np.maximum((local + camera_variance).sum(axis=1), 0) * inflation),
+        np.sqrt(np.maximum(np.einsum("cap,pq,caq->ca", centres, covariance, centres, optimize=True), 0) * inflation),
+        deviation[:, CLOCK],
+        _offset_deviation(covariance, free, mean_camera_time_s) * np.sqrt(inflation),
+        deviation[:, LENS],
+    )
+
+
+def _knot_variances(inverse_band: FloatArray, first: FloatArray, weights: FloatArray) -> FloatArray:
+    """Variances (k, 3) of the positions at knots from the band of the inverse."""
+    out = np.zeros((len(first), 3))
+    for axis in range(3):
+        for i, wi in enumerate(weights):
+            for j, wj in enumerate(weights):
+                low, high = min(i, j), max(i, j)
+                out[:, axis] += wi * wj * inverse_band[3 * (high - low), 3 * (first + low) + axis]
+    return out
+
+
+def _generators(points: FloatArray) -> FloatArray:
+    """Displacements (n, 3, 7) of points (n, 3) under unit translations, rotations and scaling."""
+    out = np.zeros((len(points), 3, 7))
+    out[:, :, :3] = np.eye(3)
+    out[:, :, 3:6] = -hat(points)
+    out[:, :, 6] = points
+    return out
+
+
+def _alignment_response(positions: FloatArray, response: FloatArray) -> FloatArray:
+    """The similarity (7, p) that least squares would fit to the displacement of all positions by each parameter."""
+    G = _generators(positions).reshape(-1, 7)
+    scale = np.linalg.norm(G, axis=0)
+    return np.linalg.lstsq(G / scale, response.reshape(len(G), -1), rcond=None)[0] / scale[:, None]
+
+
+def _offset_deviation(covariance: FloatArray, free: FloatArray, mean_s: FloatArray) -> FloatArray:
+    """Deviation (c,) of offset = (time at mean) - rate * mean, before inflation."""
+    index = np.cumsum(free.ravel()).reshape(free.shape) - 1
+    out = np.zeros(len(free))
+    for c in range(len(free)):
+        a, b = CLOCK.start, CLOCK.start + 1
+        if free[c, a] and free[c, b]:
+            i, j = index[c, a], index[c, b]
+            variance = covariance[i, i] - 2 * mean_s[c] * covariance[i, j] + mean_s[c] ** 2 * covariance[j, j]
+            out[c] = np.sqrt(max(variance, 0.0))
+    return out

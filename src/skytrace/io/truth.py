@@ -1,0 +1,110 @@
+"""What is known of a flight from elsewhere, to judge a result by: path, camera positions, synchronisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skytrace.errors import InputError
+from skytrace.geometry.arrays import FloatArray, frozen_array
+from skytrace.io.table import TextTable, read_table
+from skytrace.io.text import read_text
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TruthTrajectory:
+    """Positions in metres; without time stamps the samples are evenly spaced at a rate known from elsewhere."""
+
+    position_m: FloatArray  # (n, 3), NaN where the file says so
+    time_s: FloatArray | None  # (n,) strictly increasing, on the truth's own clock
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_m", frozen_array(self.position_m, (None, 3), "position_m", finite=False))
+        if self.time_s is not None:
+            object.__setattr__(self, "time_s", frozen_array(self.time_s, (len(self.position_m),), "time_s"))
+
+
+def read_truth_trajectory(path: Path | str) -> TruthTrajectory:
+    """Read rows `x y z`, or a table whose header names x, y, z and, if it has them, time stamps (time_s).
+
+    Raises InputError with the line.
+    """
+    path = Path(path)
+    table = read_table(path, "true trajectory")
+    if not table.rows:
+        raise InputError(path, "true trajectory: a header and no rows")
+    columns = _trajectory_columns(table)
+    values = table.numbers(tuple(columns.values()), tuple(columns))
+    time_s = values[:, 3] if "time_s" in columns else None
+    if time_s is not None:
+        wrong = ~np.isfinite(time_s)
+        wrong[1:] |= np.diff(time_s) <= 0
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            message = f"expected time_s to rise from row to row, got {time_s[row]:.9g}"
+            raise InputError(path, message, line=int(table.line[row]))
+    return TruthTrajectory(values[:, :3], time_s)
+
+
+def _trajectory_columns(table: TextTable) -> dict[str, int]:
+    if table.header is None:
+        n = len(table.cells(0))
+        if n != 3:
+            message = f"expected three columns x y z, got {n}; name them in a header (time_s,x,y,z)"
+            raise InputError(table.path, message, line=int(table.line[0]))
+        return {"x": 0, "y": 1, "z": 2}
+    names = [name.removesuffix("_m") for name in table.header]
+    missing = [name for name in "xyz" if name not in names]
+    if missing:
+        message = f"header {' '.join(table.header)!r}: expected columns x, y, z and optionally time_s"
+        raise InputError(table.path, message, line=table.header_line)
+    return {name: names.index(name) for name in ("x", "y", "z", "time_s") if name in names}
+
+
+def read_true_positions(path: Path | str) -> dict[str, FloatArray]:
+    """Camera centres (3,) in metres by camera id, from a CSV `camera,x,y,z`."""
+    return dict(_read_by_camera(Path(path), ("x", "y", "z"), "camera positions"))
+
+
+def read_true_synchronisation(path: Path | str) -> dict[str, tuple[float, float]]:
+    """Slope and intercept by camera id, from a CSV `camera,slope,intercept`.
+
+    frame = slope * reference_frame + intercept; the reference camera's row has 1,0. Raises InputError where the
+    reference is missing.
+    """
+    path = Path(path)
+    clocks = {
+        camera: (float(values[0]), float(values[1]))
+        for camera, values in _read_by_camera(path, ("slope", "intercept"), "synchronisation")
+    }
+    if not any(np.allclose(clock, (1.0, 0.0), rtol=0.0, atol=1e-9) for clock in clocks.values()):
+        raise InputError(path, "no reference camera: expected one row with slope 1 and intercept 0")
+    return clocks
+
+
+def _read_by_camera(path: Path, columns: tuple[str, ...], what: str) -> list[tuple[str, FloatArray]]:
+    expected = ("camera", *columns)
+    rows, header = [], False
+    for number, line in enumerate(read_text(path, what).split("\n"), 1):
+        cells = [cell.strip() for cell in line.split("#")[0].split(",")]
+        if cells == [""]:
+            continue
+        if not header:
+            header = True
+            if tuple(cell.lower() for cell in cells) != expected:
+                raise InputError(path, f"expected the header {','.join(expected)}, got {line.strip()!r}", line=number)
+            continue
+        try:
+            values = np.array([float(cell) for cell in cells[1:]])
+        except ValueError:
+            values = np.zeros(0)
+        if values.shape != (len(columns),) or not np.isfinite(values).all() or not cells[0]:
+            raise InputError(path, f"expected {','.join(expected)}, got {line.strip()!r}", line=number)
+        if cells[0] in (camera for camera, _ in rows):
+            raise InputError(path, f"camera {cells[0]!r} appears twice", line=number)
+        rows.append((cells[0], values))
+    if not rows:
+        raise InputError(path, f"{what}: no rows; expected {','.join(expected)}")
+    return rows

@@ -1,0 +1,132 @@
+"""The offline reconstruction, stage by stage: each yields its product, so that callers save, show or test one stream."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from skytrace.errors import ReconstructionError
+from skytrace.estimation.adjust.driver import Adjusted, mean_camera_time_s
+from skytrace.estimation.correspond import ImagePath, image_path
+from skytrace.estimation.finish import finish, refined_paths
+from skytrace.estimation.grow import Grown, Growth, complete, grow
+from skytrace.estimation.initialize import initial_pairs
+from skytrace.estimation.posterior import Posterior, posterior
+from skytrace.estimation.synchronize import Synchronisation, synchronize
+from skytrace.model.reconstruction import Reconstruction
+from skytrace.model.track import Recording
+from skytrace.pipeline.assemble import assemble
+from skytrace.pipeline.config import Config
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Stage:
+    """One step of the stream: its name, how far it is, and what it produced (None while it is under way)."""
+
+    name: str
+    done: int
+    total: int
+    product: Any = None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Outcome:
+    """The end of the stream."""
+
+    reconstruction: Reconstruction
+    adjusted: Adjusted
+    posterior: Posterior
+    synchronisation: Synchronisation
+
+
+Progress = Callable[[str, int, int], None]
+
+
+def run(
+    recordings: Sequence[Recording],
+    config: Config,
+    *,
+    hints_s: Mapping[str, float] | None = None,
+    progress: Progress = lambda name, done, total: None,
+) -> Iterator[Stage]:
+    """Reconstruct a flight from cleaned recordings; the last stage's product is the Outcome.
+
+    `hints_s` are rough clock offsets, never needed. Raises ReconstructionError where the data determine nothing.
+    """
+    given = {r.camera_id: r for r in recordings if r.n_detections}
+    silent = {r.camera_id: "it has no usable detections" for r in recordings if not r.n_detections}
+    if len(given) < 2:
+        raise ReconstructionError(
+            "synchronise",
+            "fewer than two cameras have usable detections",
+            counts={"cameras given": len(recordings), "with detections": len(given)},
+            hint="See what was dropped and why in the log; check image sizes and the columns of the detections",
+        )
+    readout = config.adjust.readout_fraction
+    paths = {c: image_path(r, readout) for c, r in given.items()}
+    synchronisation = synchronize(
+        paths,
+        config.synchronise,
+        np.random.default_rng(config.seed),
+        hints_s,
+        lambda done, total: progress("synchronise", done, total),
+    )
+    yield Stage("synchronise", 1, 1, synchronisation)
+
+    starts = initial_pairs(synchronisation, paths, given, config.initialise, config.structure, readout)
+    yield Stage("initialise", 1, 1, starts)
+
+    growth = Growth(
+        given,
+        paths,
+        synchronisation.clocks,
+        config.structure,
+        config.register,
+        config.adjust,
+        config.grow,
+        config.seed,
+    )
+    grown: Grown | None = None
+    for grown in grow(starts[0], growth):
+        yield Stage("grow", len(grown.adjusted.camera_ids), len(synchronisation.clocks), grown)
+    assert grown is not None  # the initial pair at least
+
+    adjusted, missing = grown.adjusted, grown.missing
+    for k in range(config.passes):
+        adjusted = finish(
+            adjusted,
+            given,
+            config.structure,
+            config.adjust,
+            config.freedom,
+            config.finish,
+            retriangulate=k > 0,
+        )
+        yield Stage("adjust", k + 1, config.passes, adjusted)
+        if missing and k == 0:
+            for grown in complete(
+                Grown(adjusted, None, missing), replace(growth, paths=_refined(adjusted, given, paths))
+            ):
+                adjusted, missing = grown.adjusted, grown.missing
+
+    means = np.array([mean_camera_time_s(given[c]) for c in adjusted.camera_ids])
+    deviations = posterior(adjusted, means)
+    unregistered = {**silent, **synchronisation.untied, **missing}
+    reconstruction = assemble(adjusted, deviations, given, unregistered, config.coverage)
+    if not reconstruction.trajectory.segments:
+        raise ReconstructionError(
+            "cover",
+            "no stretch of the trajectory is supported by two cameras that agree",
+            threshold=config.coverage.min_segment_s,
+            hint="The reconstruction contradicts itself; check calibrations and frame rates",
+        )
+    yield Stage("cover", 1, 1, Outcome(reconstruction, adjusted, deviations, synchronisation))
+
+
+def _refined(
+    adjusted: Adjusted, recordings: Mapping[str, Recording], paths: Mapping[str, ImagePath]
+) -> dict[str, ImagePath]:
+    return {**paths, **refined_paths(adjusted.scene, recordings)}
