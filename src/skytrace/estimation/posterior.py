@@ -15,8 +15,10 @@ import numpy as np
 from skytrace.estimation.adjust import kernel, solve
 from skytrace.estimation.adjust.driver import Adjusted
 from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS, N_PARAMETERS
-from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.arrays import BoolArray, FloatArray
 from skytrace.geometry.rigid import hat
+
+_WILD = 25.0  # knots of more than this many times the median variance do not take part in the alignment
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,8 +41,12 @@ def knot_weights(run_lengths: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
     return np.concatenate(first), np.array([1.0, 4.0, 1.0]) / 6
 
 
-def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray) -> Posterior:
-    """Deviations at the adjusted state; `mean_camera_time_s` (c,) refers the clock offsets to camera time 0."""
+def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray, supported: BoolArray) -> Posterior:
+    """Deviations at the adjusted state.
+
+    `mean_camera_time_s` (c,) refers the clock offsets to camera time 0; `supported` (knots,) are the knots that the
+    alignment goes by, since the spline may run wild where nobody saw the target.
+    """
     problem, state = adjusted.problem, adjusted.state
     equations = solve.assemble(problem, state, adjusted.priors, adjusted.weights, adjusted.motion)
     factor = solve.eliminate(equations, 0.0)
@@ -57,21 +63,28 @@ def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray) -> Posterior:
     centres = np.zeros((problem.n_cameras, N_PARAMETERS, free.sum()))
     centres.reshape(-1, free.sum())[free.ravel()] = np.eye(free.sum())
     centres = centres[:, CENTRE]  # (c, 3, p)
-    alignment = _alignment_response(positions, response)  # (7, p)
+    variance = (local + _quadratic(response, covariance)).sum(axis=1)
+    known = supported & (variance <= _WILD * np.median(variance[supported])) if supported.any() else supported
+    alignment = _alignment_response(positions[known], response[known])  # (7, p)
     response = response - _generators(positions) @ alignment
     centres = centres - _generators(state.centre) @ alignment
 
-    camera_variance = np.einsum("kap,pq,kaq->ka", response, covariance, response, optimize=True)
+    camera_variance = _quadratic(response, covariance)
     inflation = adjusted.inflation
     deviation = np.zeros((problem.n_cameras, N_PARAMETERS))
     deviation[free] = np.sqrt(np.maximum(np.diag(covariance), 0) * inflation)
     return Posterior(
         np.sqrt(np.maximum((local + camera_variance).sum(axis=1), 0) * inflation),
-        np.sqrt(np.maximum(np.einsum("cap,pq,caq->ca", centres, covariance, centres, optimize=True), 0) * inflation),
+        np.sqrt(np.maximum(_quadratic(centres, covariance), 0) * inflation),
         deviation[:, CLOCK],
         _offset_deviation(covariance, free, mean_camera_time_s) * np.sqrt(inflation),
         deviation[:, LENS],
     )
+
+
+def _quadratic(response: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Variances (n, 3) of linear functions (n, 3, p) of parameters with a covariance (p, p)."""
+    return ((response @ covariance) * response).sum(axis=-1)
 
 
 def _knot_variances(inverse_band: FloatArray, first: FloatArray, weights: FloatArray) -> FloatArray:

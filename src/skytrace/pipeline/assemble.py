@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from skytrace.estimation.adjust.driver import Adjusted
-from skytrace.estimation.coverage import CoverageSettings, covered_trajectory, inliers
-from skytrace.estimation.posterior import Posterior
+from skytrace.estimation.adjust.driver import Adjusted, mean_camera_time_s
+from skytrace.estimation.coverage import CoverageSettings, covered_trajectory, inliers, support
+from skytrace.estimation.posterior import Posterior, posterior
 from skytrace.geometry.arrays import FloatArray
 from skytrace.model.reconstruction import CameraEstimate, ClockDeviation, Reconstruction, Residuals
 from skytrace.model.track import Recording
@@ -16,20 +16,31 @@ from skytrace.model.track import Recording
 
 def assemble(
     adjusted: Adjusted,
-    deviations: Posterior,
     recordings: Mapping[str, Recording],
     unregistered: Mapping[str, str],
     coverage: CoverageSettings,
-) -> Reconstruction:
+) -> tuple[Reconstruction, Posterior]:
     """The reconstruction of an adjusted scene; `recordings` are in the order in which cameras are listed."""
+    deviations = _deviations(adjusted, recordings, coverage)
     cameras = {}
     for camera_id in sorted(adjusted.camera_ids, key=list(recordings).index):
         cameras[camera_id] = _estimate(adjusted, deviations, camera_id, recordings[camera_id], coverage)
-    support = [np.sort(c.residuals.time_s[c.residuals.inlier]) for c in cameras.values()]
+    inlier_times_s = [np.sort(c.residuals.time_s[c.residuals.inlier]) for c in cameras.values()]
     trajectory = covered_trajectory(
-        adjusted.problem.grid, adjusted.state.control, deviations.knot_sigma, support, coverage
+        adjusted.problem.grid, adjusted.state.control, deviations.knot_sigma, inlier_times_s, coverage
     )
-    return Reconstruction(adjusted.scene.reference, cameras, trajectory, "arbitrary", unregistered)
+    return Reconstruction(adjusted.scene.reference, cameras, trajectory, "arbitrary", unregistered), deviations
+
+
+def _deviations(adjusted: Adjusted, recordings: Mapping[str, Recording], coverage: CoverageSettings) -> Posterior:
+    times = []
+    for index in range(len(adjusted.camera_ids)):
+        own = adjusted.problem.observations.camera == index
+        residuals = _residuals(adjusted, own, index, float(adjusted.weights.sigma_px[index]), coverage)
+        times.append(np.sort(residuals.time_s[residuals.inlier]))
+    count = support(adjusted.problem.grid.knots_s(), times, coverage.window_s)
+    means = np.array([mean_camera_time_s(recordings[c]) for c in adjusted.camera_ids])
+    return posterior(adjusted, means, count >= coverage.min_cameras)
 
 
 def _estimate(

@@ -1,4 +1,4 @@
-"""The offline reconstruction, stage by stage: each yields its product, so that callers save, show or test one stream."""
+"""The offline reconstruction: each stage yields its product, so that callers save, show or test one stream."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from skytrace.errors import ReconstructionError
-from skytrace.estimation.adjust.driver import Adjusted, mean_camera_time_s
+from skytrace.estimation.adjust.driver import Adjusted
 from skytrace.estimation.correspond import ImagePath, image_path
 from skytrace.estimation.finish import finish, refined_paths
 from skytrace.estimation.grow import Grown, Growth, complete, grow
 from skytrace.estimation.initialize import initial_pairs
-from skytrace.estimation.posterior import Posterior, posterior
+from skytrace.estimation.posterior import Posterior
 from skytrace.estimation.synchronize import Synchronisation, synchronize
 from skytrace.model.reconstruction import Reconstruction
 from skytrace.model.track import Recording
@@ -112,10 +112,8 @@ def run(
             ):
                 adjusted, missing = grown.adjusted, grown.missing
 
-    means = np.array([mean_camera_time_s(given[c]) for c in adjusted.camera_ids])
-    deviations = posterior(adjusted, means)
     unregistered = {**silent, **synchronisation.untied, **missing}
-    reconstruction = assemble(adjusted, deviations, given, unregistered, config.coverage)
+    reconstruction, deviations = assemble(adjusted, given, unregistered, config.coverage)
     if not reconstruction.trajectory.segments:
         raise ReconstructionError(
             "cover",

@@ -14,8 +14,8 @@ from skytrace.geometry.arrays import FloatArray, IntArray
 from skytrace.geometry.rigid import so3_exp
 from skytrace.solvers import bspline
 
-# Columns of one camera's parameter block. A rotation is updated by R <- exp(omega) R; lens parameters are changes of the
-# calibration: logarithms of focal scale and aspect, the principal point in focal lengths, radial coefficients.
+# Columns of one camera's parameter block. A rotation is updated by R <- exp(omega) R; lens parameters are changes of
+# the calibration: logarithms of focal scale and aspect, the principal point in focal lengths, radial coefficients.
 ROTATION = slice(0, 3)
 CENTRE = slice(3, 6)
 OFFSET, RATE, READOUT = 6, 7, 8
@@ -57,6 +57,10 @@ class KnotGrid:
     @property
     def first_interval(self) -> int:
         return self.runs[0][0]
+
+    def knots_s(self) -> FloatArray:
+        """Times (k,) of the knots that bound the intervals of each run, runs one after another."""
+        return self.spacing_s * np.concatenate([np.arange(a, b + 1) for a, b in self.runs])
 
     def control_of_interval(self) -> IntArray:
         """First of the four control points of each interval from `first_interval` on; -1 between runs."""
