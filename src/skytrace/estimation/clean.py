@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.model.track import Track
@@ -35,8 +36,8 @@ class CleanTracks:
 
 
 def clean_detections(
-    frame: FloatArray,
-    xy_px: FloatArray,
+    frame: ArrayLike,
+    xy_px: ArrayLike,
     frame_rate_hz: float,
     size_px: tuple[int, int],
     settings: CleanSettings,
@@ -48,7 +49,7 @@ def clean_detections(
     `time_s` (n,) are per-frame time stamps where known; otherwise frames are taken to be evenly spaced.
     """
     frame, xy_px = np.asarray(frame, float), np.asarray(xy_px, float)
-    dropped = dict.fromkeys(REASONS, 0)
+    dropped: dict[str, int] = dict.fromkeys(REASONS, 0)
 
     finite = np.isfinite(frame) & np.isfinite(xy_px).all(axis=1)
     dropped["not_finite"] = int((~finite).sum())

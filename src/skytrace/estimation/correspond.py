@@ -34,6 +34,16 @@ class ImagePath:
     def end_s(self) -> float:
         return float(self.breaks_s[-1])
 
+    @property
+    def seen_s(self) -> float:
+        """Seconds during which the target was seen."""
+        return float(np.diff(self.breaks_s)[np.isfinite(self.coefficients[0, :, 0])].sum())
+
+    def stretched(self, factor: float) -> ImagePath:
+        """The same path on a clock that runs `factor` times as fast."""
+        powers = np.array([3, 2, 1, 0])[:, None, None]
+        return ImagePath(self.breaks_s * factor, self.coefficients / factor**powers)
+
     def evaluate(self, camera_time_s: FloatArray, derivative: int = 0) -> FloatArray:
         """Coordinates (n, 2), or their derivative per second, at camera times (n,)."""
         t = np.asarray(camera_time_s, float)

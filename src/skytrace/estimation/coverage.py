@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skytrace.estimation.adjust.problem import KnotGrid
-from skytrace.geometry.arrays import BoolArray, FloatArray
+from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.model.trajectory import Segment, Trajectory
 
 
@@ -27,7 +27,7 @@ def inliers(residual_px: FloatArray, sigma_px: float, sigmas: float) -> BoolArra
     return np.nan_to_num(np.linalg.norm(residual_px, axis=1), nan=np.inf) <= sigmas * sigma_px
 
 
-def support(time_s: FloatArray, camera_times_s: Sequence[FloatArray], window_s: float) -> FloatArray:
+def support(time_s: FloatArray, camera_times_s: Sequence[FloatArray], window_s: float) -> IntArray:
     """Number of cameras (n,) that have a detection within a window of each time (n,); each camera's times ascend."""
     count = np.zeros(len(time_s), np.int64)
     for times in camera_times_s:
@@ -44,8 +44,8 @@ def covered_trajectory(
 ) -> Trajectory:
     """The spline cut to covered segments.
 
-    `knot_sigma` (knots,) are posterior deviations at the knots of each run, `camera_times_s` the ascending times of each
-    camera's agreeing detections.
+    `knot_sigma` (knots,) are posterior deviations at the knots of each run, `camera_times_s` the ascending times of
+    each camera's agreeing detections.
     """
     pieces = list(_runs(grid, control, knot_sigma))
     limit = settings.max_sigma_ratio * _median_sigma(pieces, grid.spacing_s, camera_times_s, settings)

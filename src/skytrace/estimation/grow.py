@@ -74,7 +74,7 @@ def complete(grown: Grown, growth: Growth) -> Iterator[Grown]:
 
 
 def add_next(adjusted: Adjusted, waiting: Sequence[str], growth: Growth) -> Grown:
-    """Register the waiting camera that agrees with most of the trajectory, and adjust; none may be left out for good."""
+    """Register the waiting camera that agrees with most of the trajectory, and adjust."""
     scene, hz = adjusted.scene, growth.structure.rate_hz
     supported_s = triangulate_scene(scene, growth.paths, growth.structure).time_s
     tried = {

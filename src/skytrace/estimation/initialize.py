@@ -10,10 +10,10 @@ import numpy as np
 from skytrace.errors import ReconstructionError
 from skytrace.estimation import two_view
 from skytrace.estimation.correspond import ImagePath
+from skytrace.estimation.motion_shape import MOTION_WORDS, image_extent
 from skytrace.estimation.scene import N_LENS, CameraState, Scene
 from skytrace.estimation.structure import Structure, StructureSettings, triangulate_scene
 from skytrace.estimation.synchronize import Synchronisation
-from skytrace.geometry.arrays import FloatArray
 from skytrace.geometry.rigid import Rigid
 from skytrace.model.reconstruction import TwoView
 from skytrace.model.track import Recording
@@ -26,9 +26,7 @@ class InitialSettings:
     good_angle_rad: float = 0.35  # parallax beyond which more is no better
     min_angle_rad: float = 0.035
     min_support_s: float = 8.0
-    min_extent: float = (
-        0.02  # second-largest extent of the flight relative to its largest: below, it is a straight line
-    )
+    min_extent: float = 0.02  # second-largest over largest extent of the flight: below, it is a straight line
     min_image_extent: float = 0.01  # of the image motion on the plane z = 1: below, the target hovers
     rotation_share: float = 0.9  # of the support that a pure rotation may explain
 
@@ -142,12 +140,6 @@ def _pair_pose(
     return best
 
 
-def image_extent(xy: FloatArray) -> float:
-    """Largest standard deviation of an image path (n, 2), robust to outliers."""
-    low, high = np.percentile(xy, [5, 95], axis=0)
-    return float((high - low).max())
-
-
 def flight_extent(structure: Structure) -> float:
     """Second-largest over largest extent of the triangulated flight: 0 for a straight line."""
     points = structure.point_in_world
@@ -177,17 +169,10 @@ def rotation_share(pairs: two_view.Correspondences, pose: Rigid, threshold: floa
 
 
 _EXPLANATIONS: dict[str, tuple[str, str]] = {
-    "hover": (
-        "the target hardly moves in the image",
-        "Fly the target through a large part of the view; a hovering target fixes neither time nor place",
-    ),
+    **MOTION_WORDS,
     "parallax": (
         "the cameras see the target from the same direction: they stand in one place or in line with the flight",
         "Move the cameras apart, so that they see the target at angles of 20 degrees and more",
-    ),
-    "straight": (
-        "the target flew (nearly) along a straight line, which leaves the cameras' geometry undetermined",
-        "Record a flight with turns and changes of height",
     ),
     "support": (
         "no pair of cameras has enough common view that one geometry explains",

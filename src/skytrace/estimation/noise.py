@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skytrace.geometry.arrays import FloatArray, IntArray
+from skytrace.solvers.correlation import autocorrelation
 
 _SMALLEST_SIGMA_PX = 1e-7  # exact data would otherwise divide by zero
 
@@ -25,8 +26,6 @@ def inflation(
     The sum runs over lags up to the first that is not positive (Geyer, "Practical Markov chain Monte Carlo", 1992), at
     most `longest_s`. Residuals are clipped at three deviations first, so that outliers do not hide the correlation.
     """
-    from scipy.fft import irfft, next_fast_len, rfft
-
     finite = np.isfinite(residual_px[:, 0])
     if finite.sum() < 10:
         return 1.0
@@ -35,15 +34,14 @@ def inflation(
     # Very long recordings are judged by the stretch that fits; correlations are local.
     within = position < 2_000_000
     position, clipped = position[within], clipped[within]
-    length = next_fast_len(2 * (int(position.max()) + 1), real=True)
-    signal = np.zeros((3, length))
+    n = int(position.max()) + 1
+    lags = max(2, min(n, round(longest_s * frame_rate_hz)))
+    signal = np.zeros((3, n))
     signal[0, position] = 1.0
     signal[1:, position] = clipped.T
-    spectrum = rfft(signal, axis=1)
-    correlation = irfft(np.abs(spectrum) ** 2, length, axis=1)
-    lags = max(2, min(length // 2, round(longest_s * frame_rate_hz)))
-    pairs = np.maximum(np.rint(correlation[0, :lags]), 1.0)
-    covariance = (correlation[1, :lags] + correlation[2, :lags]) / pairs
+    correlation = autocorrelation(signal, lags)
+    pairs = np.maximum(np.rint(correlation[0]), 1.0)
+    covariance = (correlation[1] + correlation[2]) / pairs
     if covariance[0] <= 0:
         return 1.0
     rho = covariance[1:] / covariance[0]

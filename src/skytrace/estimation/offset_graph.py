@@ -56,21 +56,15 @@ def _best_group(modes: Modes, available: set[int], tolerance_s: float, beam: int
             for k in sorted(available - set(offsets)):
                 proposals = [offsets[i] + m.offset_s for i in offsets for m in _candidates(modes, i, k)]
                 for t in proposals:
-                    gain = sum(
-                        max(
-                            (
-                                m.score
-                                for m in _candidates(modes, i, k)
-                                if abs(offsets[i] + m.offset_s - t) <= tolerance_s
-                            ),
-                            default=0.0,
-                        )
-                        for i in offsets
-                    )
+                    gain = sum(_agreeing_score(_candidates(modes, i, k), t - offsets[i], tolerance_s) for i in offsets)
                     grown.append(({**offsets, k: t}, score + gain))
         if not grown:
             return max(states, key=lambda s: s[1])[0]
         states = _prune(grown, beam)
+
+
+def _agreeing_score(modes: Sequence[Mode], offset_s: float, tolerance_s: float) -> float:
+    return max((m.score for m in modes if abs(m.offset_s - offset_s) <= tolerance_s), default=0.0)
 
 
 def _prune(states: list[tuple[dict[int, float], float]], beam: int) -> list[tuple[dict[int, float], float]]:

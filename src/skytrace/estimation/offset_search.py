@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skytrace.geometry.arrays import FloatArray, IntArray
+from skytrace.solvers.correlation import cross_correlations
 
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _PAIR_OF = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
@@ -20,7 +21,7 @@ _ONE = _PAIRS.index((2, 2))  # the third homogeneous coordinate is 1, so its squ
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ShiftScores:
-    """Evidence for each shift between two sampled tracks: sample k of track 0 pairs with sample k + shift of track 1."""
+    """Evidence for each shift: sample k of track 0 pairs with sample k + shift of track 1."""
 
     shift: IntArray  # (m,)
     overlap: IntArray  # (m,) paired samples
@@ -39,7 +40,7 @@ def score_shifts(
     """
     y0, y1 = _homogeneous(xy0), _homogeneous(xy1)
     n0, n1 = len(y0), len(y1)
-    correlation = _cross_correlations(_monomials(y0), _monomials(y1))  # (6, 6, lags)
+    correlation = cross_correlations(_monomials(y0), _monomials(y1))  # (6, 6, lags)
     shift = np.arange(-(n0 - 1), n1)
     overlap = np.rint(correlation[_ONE, _ONE]).astype(np.int64)
     enough = overlap >= max(min_overlap_s * rate_hz, 16)
@@ -70,7 +71,7 @@ def turn_rate_correlation(xy0: FloatArray, xy1: FloatArray, rate_hz: float, min_
     m0, m1 = np.isfinite(a0).astype(float), np.isfinite(a1).astype(float)
     a0, a1 = np.nan_to_num(a0), np.nan_to_num(a1)
     left, right = np.stack([m0, a0, a0**2]), np.stack([m1, a1, a1**2])
-    c = _cross_correlations(left, right)
+    c = cross_correlations(left, right)
     n = np.maximum(c[0, 0], 1e-9)
     mean0, mean1 = c[1, 0] / n, c[0, 1] / n
     variance0, variance1 = c[2, 0] / n - mean0**2, c[0, 2] / n - mean1**2
@@ -97,17 +98,6 @@ def _monomials(y: FloatArray) -> FloatArray:
     return np.stack([np.nan_to_num(y[:, i] * y[:, j]) for i, j in _PAIRS])
 
 
-def _cross_correlations(a: FloatArray, b: FloatArray) -> FloatArray:
-    """c[i, j, lag] = sum_t a[i, t] b[j, t + lag], lags -(n - 1) .. m - 1, of rows (k, n) and (l, m)."""
-    from scipy.fft import irfft, next_fast_len, rfft
-
-    n, m = a.shape[1], b.shape[1]
-    length = next_fast_len(n + m - 1, real=True)
-    spectrum = rfft(a, length).conj()[:, None] * rfft(b, length)[None]
-    full = irfft(spectrum, length)
-    return np.concatenate([full[..., length - (n - 1) :] if n > 1 else full[..., :0], full[..., :m]], axis=-1)
-
-
 def _smallest_whitened_eigenvalue(correlation: FloatArray, overlap: IntArray) -> FloatArray:
     moments0 = np.moveaxis(correlation[_PAIR_OF, _ONE], -1, 0) / overlap[:, None, None]
     moments1 = np.moveaxis(correlation[_ONE, _PAIR_OF], -1, 0) / overlap[:, None, None]
@@ -118,13 +108,13 @@ def _smallest_whitened_eigenvalue(correlation: FloatArray, overlap: IntArray) ->
     white = np.einsum("mcr,mabrs,mds->macbd", W1, white, W1, optimize=True)
     size = len(overlap)
     eigenvalues = np.linalg.eigvalsh(white.reshape(size, 9, 9)) if size else np.zeros((0, 9))
-    return np.clip(eigenvalues[:, 0], 1e-9, 1.0)
+    return np.clip(eigenvalues[:, 0].astype(np.float64), 1e-9, 1.0)
 
 
 def _whitening(moments: FloatArray) -> FloatArray:
     """Inverse Cholesky factors (m, 3, 3) of second moments (m, 3, 3), kept regular for tracks that stand still."""
     ridge = 1e-6 * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    return np.linalg.inv(np.linalg.cholesky(moments + ridge))
+    return np.linalg.inv(np.linalg.cholesky(moments + ridge)).astype(np.float64)
 
 
 def _acceleration_log(xy: FloatArray, rate_hz: float) -> FloatArray:

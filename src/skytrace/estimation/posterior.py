@@ -1,9 +1,9 @@
 """How sure the adjustment is: deviations of the trajectory, the camera centres and the clocks.
 
 The normal matrix at the solution, eliminated as for a step, gives the covariance without a dense inversion: the band of
-the spline's inverse (given the cameras) plus what the cameras' covariance adds through the coupling. All deviations are
-inflated by the residuals' correlation in time. Positions are free up to a similarity, so deviations are those that remain
-after the best alignment of the whole trajectory: the choice of the reference camera does not enter.
+the spline's inverse (given the cameras) plus what the cameras' covariance adds through the coupling. All deviations
+are inflated by the residuals' correlation in time. Positions are free up to a similarity, so deviations are those that
+remain after the best alignment of the whole trajectory: the choice of the reference camera does not enter.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from skytrace.estimation.adjust import kernel, solve
 from skytrace.estimation.adjust.driver import Adjusted
 from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS, N_PARAMETERS
-from skytrace.geometry.arrays import BoolArray, FloatArray
+from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.geometry.rigid import hat
 
 _WILD = 25.0  # knots of more than this many times the median variance do not take part in the alignment
@@ -32,7 +32,7 @@ class Posterior:
     lens: FloatArray  # (c, 7)
 
 
-def knot_weights(run_lengths: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+def knot_weights(run_lengths: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
     """First control point (k,) of each knot of each run, and the three weights (3,) that give the position there."""
     first, start = [], 0
     for n in run_lengths:
@@ -56,8 +56,10 @@ def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray, supported: Boo
     first, weights = knot_weights(adjusted.motion.run_lengths)
     local = _knot_variances(kernel.banded_inverse(factor.band), first, weights)
     solved = factor.solved_coupling.reshape(len(state.control), 3, -1)
-    response = -sum(w * solved[first + k] for k, w in enumerate(weights))  # (knots, 3, p) of positions to cameras
-    positions = sum(w * state.control[first + k] for k, w in enumerate(weights))
+    response = -np.einsum(
+        "w,kwap->kap", weights, solved[first[:, None] + np.arange(3)], optimize=True
+    )  # (knots, 3, p) of positions to cameras
+    positions = np.einsum("w,kwa->ka", weights, state.control[first[:, None] + np.arange(3)])
 
     free = adjusted.priors.free
     centres = np.zeros((problem.n_cameras, N_PARAMETERS, free.sum()))
@@ -87,7 +89,7 @@ def _quadratic(response: FloatArray, covariance: FloatArray) -> FloatArray:
     return ((response @ covariance) * response).sum(axis=-1)
 
 
-def _knot_variances(inverse_band: FloatArray, first: FloatArray, weights: FloatArray) -> FloatArray:
+def _knot_variances(inverse_band: FloatArray, first: IntArray, weights: FloatArray) -> FloatArray:
     """Variances (k, 3) of the positions at knots from the band of the inverse."""
     out = np.zeros((len(first), 3))
     for axis in range(3):
@@ -114,7 +116,7 @@ def _alignment_response(positions: FloatArray, response: FloatArray) -> FloatArr
     return np.linalg.lstsq(G / scale, response.reshape(len(G), -1), rcond=None)[0] / scale[:, None]
 
 
-def _offset_deviation(covariance: FloatArray, free: FloatArray, mean_s: FloatArray) -> FloatArray:
+def _offset_deviation(covariance: FloatArray, free: BoolArray, mean_s: FloatArray) -> FloatArray:
     """Deviation (c,) of offset = (time at mean) - rate * mean, before inflation."""
     index = np.cumsum(free.ravel()).reshape(free.shape) - 1
     out = np.zeros(len(free))

@@ -40,7 +40,7 @@ class CameraState:
         return Intrinsics(
             calibrated.focal_px * scale,
             calibrated.principal_px + calibrated.focal_px * [principal_x, principal_y],
-            calibrated.distortion + [k1, k2, 0.0, 0.0, k3],
+            calibrated.distortion + np.array([k1, k2, 0.0, 0.0, k3]),
             calibrated.size_px,
         )
 

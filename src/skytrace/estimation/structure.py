@@ -60,7 +60,7 @@ def triangulate_scene(scene: Scene, paths: Mapping[str, ImagePath], settings: St
 
 
 def world_rays(scene: Scene, camera_id: str, path: ImagePath, time_s: FloatArray) -> FloatArray:
-    """Unit rays (n, 3) in the world of a registered camera at world times (n,); NaN where it does not see the target."""
+    """Unit rays (n, 3) in the world of a registered camera at world times (n,); NaN where it sees no target."""
     camera = scene.cameras[camera_id]
     xy = path.evaluate((time_s - camera.offset_s) / camera.rate)
     return to_rays(xy) @ camera.camera_from_world.rotation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from skytrace.errors import ReconstructionError
 from skytrace.estimation import two_view
 from skytrace.estimation.correspond import ImagePath, common_grid
+from skytrace.estimation.motion_shape import MOTION_WORDS, motion_shape
 from skytrace.estimation.offset_graph import Mode, PairClock, consistent_offsets, joint_clocks
 from skytrace.estimation.offset_search import peaks, score_shifts, turn_rate_correlation
 from skytrace.geometry.arrays import FloatArray
@@ -30,13 +31,24 @@ class SyncSettings:
     refine_thresholds: tuple[float, ...] = (0.012, 0.006, 0.003)
     rate_prior: float = 3e-4
     min_support: float = 0.6  # share of the overlap that must obey the refined geometry
-    min_contrast: float = 1.15  # evidence for the chosen offset over that for the best other one
+    min_contrast: float = 1.3  # evidence for the chosen offset over that for the best other one
     min_pair_support_s: float = 8.0
+    # Stretches tried for a camera that fits at no offset: one per cent apart, and around the factors of slow motion.
+    rate_factors: tuple[float, ...] = tuple(
+        round(float(f), 6) for f in np.r_[0.25, 0.5, 2.0, 4.0, 1.01 ** np.arange(-45, 46)]
+    )
+    min_rate_contrast: float = 2.0  # of the best stretch's evidence to the median one's
+    min_extent: float = 0.01  # of the image motion on the plane z = 1: below, the target hovers
+    min_bend: float = 0.02  # of the image path, see motion_shape: below, it is a straight line
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Synchronisation:
-    """World time = offset + rate * camera time, for the cameras that the evidence ties to the reference."""
+    """World time = offset + rate * camera time, for the cameras that the evidence ties to the reference.
+
+    Camera time is nominal: frame / nominal frame rate, or time stamps. A rate far from one says that the nominal frame
+    rate is wrong.
+    """
 
     reference: str
     clocks: Mapping[str, tuple[float, float]]  # camera id -> (offset_s, rate)
@@ -55,39 +67,134 @@ def synchronize(
     """Synchronise cameras given where each saw the target in its own time.
 
     `hints_s` are rough offsets, camera time 0 on a common clock: further candidates, believed only if the tracks agree.
-    Raises ReconstructionError where no pair of cameras can be tied together.
+    A camera that cannot be tied to the others at its nominal frame rate is tried at different ones. Raises ReconstructionError where no
+    pair of cameras can be tied together.
     """
-    ids = list(paths)
-    grids = common_grid([paths[c] for c in ids], settings.rate_hz)
-    couples = list(combinations(range(len(ids)), 2))
-    modes: dict[tuple[int, int], list[Mode]] = {}
-    for done, (i, j) in enumerate(couples):
+    search = _Search(dict(paths), settings, rng, hints_s or {})
+    couples = list(combinations(paths, 2))
+    for done, (a, b) in enumerate(couples):
         progress(done, len(couples))
-        hint = [hints_s[ids[i]] - hints_s[ids[j]]] if hints_s and ids[i] in hints_s and ids[j] in hints_s else []
-        modes[i, j] = pair_modes(paths[ids[i]], paths[ids[j]], grids[i], grids[j], hint, settings)
-    groups = consistent_offsets(modes, len(ids), settings.tolerance_s)
-    measured = []
-    for i, j in couples:
-        group = next((g for g in groups if i in g and j in g), None)
-        if group is not None:
-            offset = group[j] - group[i]
-            pair = refine_pair(ids[i], ids[j], paths[ids[i]], paths[ids[j]], offset, modes[i, j], settings, rng)
-            if pair is not None:
-                measured.append((i, j, pair))
+        search.compare(a, b)
+    factors = dict.fromkeys(paths, 1.0)
+    tied = search.tie()
+    for camera in tied.untied if tied.clocks else ():
+        partners = sorted(tied.clocks, key=lambda c: -paths[c].seen_s)[:2]
+        factor = search_rate(paths[camera], [search.paths[c] for c in partners], settings)
+        if factor is not None:
+            factors[camera] = factor
+            search.paths[camera] = paths[camera].stretched(factor)
+            for other in paths:
+                if other != camera:
+                    search.compare(*((camera, other) if (camera, other) in search.modes else (other, camera)))
+    if any(f != 1.0 for f in factors.values()):
+        tied = search.tie()
+    if not tied.clocks:
+        raise search.failure()
     progress(len(couples), len(couples))
-    return _reconcile(ids, measured, modes, settings)
+    return _on_given_clocks(tied, factors)
 
 
-def pair_modes(
-    path0: ImagePath,
-    path1: ImagePath,
-    grid0: tuple[float, FloatArray],
-    grid1: tuple[float, FloatArray],
-    hints_s: Sequence[float],
-    settings: SyncSettings,
-) -> list[Mode]:
+class _Search:
+    """The evidence gathered so far, pair by pair."""
+
+    def __init__(
+        self,
+        paths: dict[str, ImagePath],
+        settings: SyncSettings,
+        rng: np.random.Generator,
+        hints_s: Mapping[str, float],
+    ) -> None:
+        self.paths, self.settings, self.rng, self.hints_s = paths, settings, rng, hints_s
+        self.modes: dict[tuple[str, str], list[Mode]] = {}
+        self.n_held = 0
+
+    def compare(self, a: str, b: str) -> None:
+        """Find the plausible offsets of a pair."""
+        hints = [self.hints_s[a] - self.hints_s[b]] if a in self.hints_s and b in self.hints_s else []
+        self.modes[a, b] = pair_modes(self.paths[a], self.paths[b], hints, self.settings)
+
+    def tie(self) -> Synchronisation:
+        """Reconcile all pairs; without any trusted pair, a synchronisation that ties no camera."""
+        ids = list(self.paths)
+        index = {c: k for k, c in enumerate(ids)}
+        modes = {(index[a], index[b]): m for (a, b), m in self.modes.items()}
+        groups = consistent_offsets(modes, len(ids), self.settings.tolerance_s)
+        measured = []
+        for (i, j), candidates in sorted(modes.items()):
+            group = next((g for g in groups if i in g and j in g), None)
+            if group is not None:
+                a, b = ids[i], ids[j]
+                pair = refine_pair(
+                    a, b, self.paths[a], self.paths[b], group[j] - group[i], candidates, self.settings, self.rng
+                )
+                if pair is not None:
+                    measured.append((i, j, pair))
+        self.n_held = len(measured)
+        return _reconcile(ids, measured, self.settings)
+
+    def failure(self) -> ReconstructionError:
+        """Why no two cameras could be tied: what the tracks look like decides the explanation."""
+        counts = {
+            "cameras": len(self.paths),
+            "pairs with enough overlap at some offset": sum(bool(m) for m in self.modes.values()),
+            "pairs that hold": self.n_held,
+        }
+        shapes = [motion_shape(path) for path in self.paths.values()]
+        if float(np.median([s.extent for s in shapes])) < self.settings.min_extent:
+            reason, hint = MOTION_WORDS["hover"]
+        elif float(np.median([s.bend for s in shapes])) < self.settings.min_bend:
+            reason, hint = MOTION_WORDS["straight"]
+        else:
+            reason = "no two cameras can be tied together: no time offset makes their tracks views of one flight"
+            hint = (
+                "The cameras need at least 20 s of common view of a target that moves in more than a straight line; "
+                "check the calibration files, the frame rates and the columns of the detections"
+            )
+        return ReconstructionError("synchronise", reason, counts=counts, hint=hint)
+
+
+def search_rate(path: ImagePath, partners: Sequence[ImagePath], settings: SyncSettings) -> float | None:
+    """By what factor a camera's clock must be stretched so that its track fits a partner's at some offset.
+
+    Serves cameras whose given frame rate is grossly wrong (slow motion, variable rate, a wrong file). The offset search
+    stands a stretch of one per cent, so a geometric grid of that step finds it; None where nothing stands out.
+    """
+
+    def best_score(factor: float, rate_hz: float) -> float:
+        return max(_best_offset_score(path.stretched(factor), partner, rate_hz, settings) for partner in partners)
+
+    coarse = {f: best_score(f, settings.rate_hz / 2) for f in settings.rate_factors}
+    top = max(coarse, key=lambda f: coarse[f])
+    chance = float(np.median(list(coarse.values())))
+    if coarse[top] < settings.min_rate_contrast * max(chance, 1e-9):
+        return None
+    return max(top * np.linspace(0.985, 1.015, 31), key=lambda f: best_score(float(f), settings.rate_hz))
+
+
+def _best_offset_score(path0: ImagePath, path1: ImagePath, rate_hz: float, settings: SyncSettings) -> float:
+    (_, xy0), (_, xy1) = common_grid([path0, path1], rate_hz)
+    return float(score_shifts(xy0, xy1, rate_hz, settings.min_overlap_s).score.max(initial=0.0))
+
+
+def _on_given_clocks(tied: Synchronisation, factors: Mapping[str, float]) -> Synchronisation:
+    """Undo the stretching: clocks and pairs in terms of the camera times given."""
+    clocks = {c: (offset, rate * factors[c]) for c, (offset, rate) in tied.clocks.items()}
+    # Stretched: s1 = offset + rate s0, with s = f t; so t1 = offset / f1 + rate f0 / f1 t0.
+    pairs = tuple(
+        replace(
+            p,
+            offset_s=p.offset_s / factors[p.camera1],
+            rate=p.rate * factors[p.camera0] / factors[p.camera1],
+        )
+        for p in tied.pairs
+    )
+    return replace(tied, clocks=clocks, pairs=pairs)
+
+
+def pair_modes(path0: ImagePath, path1: ImagePath, hints_s: Sequence[float], settings: SyncSettings) -> list[Mode]:
     """The most plausible offsets of a pair, best first, each with its evidence -overlap ln(misfit)."""
     rate = settings.rate_hz
+    grid0, grid1 = common_grid([path0, path1], rate)
     start = grid1[0] - grid0[0]
     offsets: list[float] = list(hints_s)
     for search in (score_shifts, turn_rate_correlation):
@@ -127,7 +234,7 @@ def refine_pair(
 ) -> _Pair | None:
     """Sub-frame offset, rate and geometry of a pair whose offset is roughly known; None where the pair does not hold.
 
-    The eight-point solver with time shift takes up what the sampling of the search left; local refinement does the rest.
+    The eight-point solver with time shift takes up what the search's sampling left; local refinement does the rest.
     """
     t = settings.refine_thresholds
     pairs = two_view.thin(two_view.correspond(path0, path1, settings.rate_hz, offset_s, 1.0), 400)
@@ -161,27 +268,13 @@ def _offset_at_centre(geometry: two_view.PairGeometry) -> float:
     return geometry.offset_s + (geometry.rate - 1) * geometry.centre_s
 
 
-def _reconcile(
-    ids: list[str],
-    measured: list[tuple[int, int, _Pair]],
-    modes: Mapping[tuple[int, int], Sequence[Mode]],
-    settings: SyncSettings,
-) -> Synchronisation:
+def _reconcile(ids: list[str], measured: list[tuple[int, int, _Pair]], settings: SyncSettings) -> Synchronisation:
     """Keep the largest set of cameras tied by trusted pairs and solve their clocks jointly."""
     trusted = _trusted(measured, settings)
     group = _largest_component(len(ids), [(i, j) for i, j, _ in trusted])
+    alone = "its track shares too little with the other cameras' to be synchronised"
     if len(group) < 2:
-        raise ReconstructionError(
-            "synchronise",
-            "no two cameras can be tied together: no time offset makes their tracks views of one flight",
-            counts={
-                "cameras": len(ids),
-                "pairs with enough overlap at some offset": sum(bool(m) for m in modes.values()),
-                "pairs that hold": len(measured),
-            },
-            hint="The cameras need at least 20 s of common view of a target that moves in more than a straight line; "
-            "check the calibration files, the frame rates and the columns of the detections",
-        )
+        return Synchronisation(ids[0], {}, (), np.zeros(0), dict.fromkeys(ids, alone))
     trusted = [(i, j, p) for i, j, p in trusted if i in group]
     reference = min(group)
     clocks, disagreement = joint_clocks(
@@ -195,11 +288,7 @@ def _reconcile(
         reference,
         settings.rate_prior,
     )
-    untied = {
-        ids[c]: "its track shares too little with the other cameras' to be synchronised"
-        for c in range(len(ids))
-        if c not in group
-    }
+    untied = {ids[c]: alone for c in range(len(ids)) if c not in group}
     return Synchronisation(
         ids[reference],
         {ids[c]: clock for c, clock in clocks.items()},

@@ -144,7 +144,7 @@ def refine(
             H[6, 6] += rate_prior**-2
             g[6] += (rate - 1) * rate_prior**-2
             cost = np.log1p((error / threshold) ** 2).mean() + ((rate - 1) / rate_prior) ** 2 / len(error)
-            step = -np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g)
+            step = -np.asarray(np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g), np.float64)
             candidate = _step(pose, offset_s, rate, centre, step)
             moved = thin(correspond(path0, path1, rate_hz, candidate[1], candidate[2]), max_samples)
             if len(moved) < 16:

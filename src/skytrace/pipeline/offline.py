@@ -10,7 +10,7 @@ import numpy as np
 
 from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.driver import Adjusted
-from skytrace.estimation.correspond import ImagePath, image_path
+from skytrace.estimation.correspond import image_path
 from skytrace.estimation.finish import finish, refined_paths
 from skytrace.estimation.grow import Grown, Growth, complete, grow
 from skytrace.estimation.initialize import initial_pairs
@@ -42,6 +42,8 @@ class Outcome:
     synchronisation: Synchronisation
 
 
+_GROSS_RATE = 0.01
+
 Progress = Callable[[str, int, int], None]
 
 
@@ -65,6 +67,7 @@ def run(
             counts={"cameras given": len(recordings), "with detections": len(given)},
             hint="See what was dropped and why in the log; check image sizes and the columns of the detections",
         )
+    measured = {c: r.frame_rate_hz for c, r in given.items()}
     readout = config.adjust.readout_fraction
     paths = {c: image_path(r, readout) for c, r in given.items()}
     synchronisation = synchronize(
@@ -76,6 +79,9 @@ def run(
     )
     yield Stage("synchronise", 1, 1, synchronisation)
 
+    given, clocks = correct_frame_rates(given, synchronisation.clocks)
+    paths |= {c: image_path(r, readout) for c, r in given.items() if r.frame_rate_hz != measured[c]}
+    synchronisation = replace(synchronisation, clocks=clocks)
     starts = initial_pairs(synchronisation, paths, given, config.initialise, config.structure, readout)
     yield Stage("initialise", 1, 1, starts)
 
@@ -107,9 +113,8 @@ def run(
         )
         yield Stage("adjust", k + 1, config.passes, adjusted)
         if missing and k == 0:
-            for grown in complete(
-                Grown(adjusted, None, missing), replace(growth, paths=_refined(adjusted, given, paths))
-            ):
+            growth = replace(growth, paths={**paths, **refined_paths(adjusted.scene, given)})
+            for grown in complete(Grown(adjusted, None, missing), growth):
                 adjusted, missing = grown.adjusted, grown.missing
 
     unregistered = {**silent, **synchronisation.untied, **missing}
@@ -124,7 +129,17 @@ def run(
     yield Stage("cover", 1, 1, Outcome(reconstruction, adjusted, deviations, synchronisation))
 
 
-def _refined(
-    adjusted: Adjusted, recordings: Mapping[str, Recording], paths: Mapping[str, ImagePath]
-) -> dict[str, ImagePath]:
-    return {**paths, **refined_paths(adjusted.scene, recordings)}
+def correct_frame_rates(
+    recordings: Mapping[str, Recording], clocks: Mapping[str, tuple[float, float]]
+) -> tuple[dict[str, Recording], dict[str, tuple[float, float]]]:
+    """Recordings with the frame rates that synchronisation found where those given are grossly wrong, and their clocks.
+
+    A real clock is never off by a per cent: there the given frame rate is a mistake, and the rate is folded into it.
+    """
+    corrected, found = dict(recordings), dict(clocks)
+    for camera_id, (offset_s, rate) in clocks.items():
+        recording = recordings[camera_id]
+        if abs(rate - 1) > _GROSS_RATE and all(track.time_s is None for track in recording.tracks):
+            corrected[camera_id] = replace(recording, frame_rate_hz=recording.frame_rate_hz / rate)
+            found[camera_id] = (offset_s, 1.0)
+    return corrected, found

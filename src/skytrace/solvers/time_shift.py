@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.geometry.epipolar import homogeneous, sampson_error
@@ -95,7 +96,7 @@ def _real_roots(coefficients: FloatArray) -> tuple[IntArray, FloatArray]:
     colleague = np.broadcast_to(np.diag(off, 1) + np.diag(off, -1), (len(owners), d, d)).copy()
     scale = np.r_[1.0, np.full(d - 1, np.sqrt(0.5))]
     colleague[:, :, -1] -= (c[:, :-1] / top[:, None]) * (scale / scale[-1]) * 0.5
-    roots = np.linalg.eigvals(colleague) if len(owners) else np.zeros((0, d), complex)
+    roots: NDArray[np.complex128] = np.asarray(np.linalg.eigvals(colleague), complex).reshape(-1, d)
     row, column = np.nonzero((np.abs(roots.imag) < 1e-2) & (np.abs(roots.real) <= 1.001))
     return owners[row], roots.real[row, column]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skytrace.geometry.arrays import FloatArray, IntArray
+from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.geometry.rigid import so3_exp
 from skytrace.solvers import bspline
 
@@ -60,7 +60,7 @@ class KnotGrid:
 
     def knots_s(self) -> FloatArray:
         """Times (k,) of the knots that bound the intervals of each run, runs one after another."""
-        return self.spacing_s * np.concatenate([np.arange(a, b + 1) for a, b in self.runs])
+        return np.concatenate([self.spacing_s * np.arange(a, b + 1) for a, b in self.runs]).astype(np.float64)
 
     def control_of_interval(self) -> IntArray:
         """First of the four control points of each interval from `first_interval` on; -1 between runs."""
@@ -129,7 +129,8 @@ class Priors:
     deviation: FloatArray
 
     @property
-    def free(self) -> FloatArray:
+    def free(self) -> BoolArray:
+        """Parameters (c, 16) that may move."""
         return self.deviation > 0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from skytrace.estimation.adjust import kernel
 from skytrace.estimation.adjust.problem import CENTRE, N_PARAMETERS, Priors, Problem, State, Weights
 from skytrace.estimation.priors import MotionPrior
-from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.arrays import BoolArray, FloatArray
 
 _WIDTH = 12  # four control points of three coordinates interact
 
@@ -97,7 +97,7 @@ def assemble(problem: Problem, state: State, priors: Priors, weights: Weights, m
     )
 
 
-def _scale_direction(problem: Problem, state: State, free: FloatArray) -> FloatArray | None:
+def _scale_direction(problem: Problem, state: State, free: BoolArray) -> FloatArray | None:
     """Gradient (p,) of the spread of the camera centres about the reference: the unit of length is held fixed."""
     if problem.n_cameras < 2:
         return None

@@ -1,0 +1,149 @@
+"""The commands and their options; each imports what it needs when it runs, so that --help answers at once."""
+
+from __future__ import annotations
+
+import enum
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skytrace.errors import SkytraceError
+
+app = typer.Typer(
+    name="skytrace",
+    help="3D flight trajectories, camera poses and clocks from unsynchronised cameras that see only the flying target.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+import_app = typer.Typer(no_args_is_help=True, help="Turn recordings of other programs into FLIGHT folders.")
+app.add_typer(import_app, name="import")
+
+INTERRUPTED = 130
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+class MotionPrior(enum.StrEnum):
+    """Choices of --motion-prior."""
+
+    jerk = "jerk"
+    force = "force"
+    kinetic = "kinetic"
+    none = "none"
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run a command line; every foreseen error becomes one message on stderr and an exit code."""
+    try:
+        result = app(list(arguments), standalone_mode=False)
+    except SkytraceError as error:
+        print(f"skytrace: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("skytrace: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    except typer.Exit as stop:
+        return stop.exit_code
+    except typer.Abort:
+        return INTERRUPTED
+    except Exception as error:
+        # Click's usage errors know how to show themselves; anything else is a bug and keeps its traceback.
+        show = getattr(error, "show", None)
+        if show is None:
+            raise
+        show(file=sys.stderr)
+        return int(getattr(error, "exit_code", 2))
+    return int(result) if isinstance(result, int) else 0
+
+
+def _version(value: bool) -> None:
+    if value:
+        from skytrace import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """3D flight trajectories, camera poses and clocks from unsynchronised cameras that see only the flying target."""
+
+
+@app.command()
+def reconstruct(
+    flight: Annotated[Path, typer.Argument(help="Folder with flight.toml, or that file.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="RUN folder to write.")],
+    motion_prior: Annotated[MotionPrior, typer.Option(help="What the trajectory is held to.")] = MotionPrior.jerk,
+    no_rolling_shutter: Annotated[bool, typer.Option(help="Keep the readout times at their assumed values.")] = False,
+    fix_focal: Annotated[bool, typer.Option(help="Keep focal lengths and lenses as calibrated.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random sampling.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Turn 2D tracks and calibrations into a trajectory, camera poses and clocks."""
+    from skytrace.cli.reconstruct import reconstruct_command
+
+    reconstruct_command(flight, output, motion_prior.value, not no_rolling_shutter, not fix_focal, seed, as_json)
+
+
+@app.command()
+def evaluate(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder written by reconstruct.")],
+    truth: Annotated[Path | None, typer.Option(help="True positions, x y z in metres a row.")] = None,
+    rate: Annotated[float | None, typer.Option(min=0.001, help="Rows of the truth a second.")] = None,
+    positions: Annotated[Path | None, typer.Option(help="Known camera centres: CSV camera,x,y,z.")] = None,
+    synchronisation: Annotated[
+        Path | None, typer.Option(help="Known synchronisation: CSV camera,slope,intercept.")
+    ] = None,
+    flight: Annotated[Path | None, typer.Option(help="FLIGHT whose [truth] to use.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare a run with the truth: fits the truth's clock and a similarity, and prints the errors."""
+    from skytrace.cli.evaluate import evaluate_command
+
+    evaluate_command(run_folder, truth, rate, positions, synchronisation, flight, as_json)
+
+
+@app.command()
+def simulate(
+    output: Annotated[Path, typer.Option("--output", "-o", help="FLIGHT folder to write, truth included.")],
+    preset: Annotated[str, typer.Option(help="Kind of flight; an unknown name lists them all.")] = "demo",
+    cameras: Annotated[int | None, typer.Option(min=2, max=12, help="Number of cameras.")] = None,
+    duration: Annotated[float | None, typer.Option(min=1, help="Length of the flight in seconds.")] = None,
+    noise: Annotated[float | None, typer.Option(min=0, help="Noise of the detections in pixels.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
+) -> None:
+    """Write a simulated flight with known truth."""
+    from skytrace.cli.simulate import simulate_command
+
+    simulate_command(output, preset, cameras, duration, noise, seed)
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the flight and its run.")] = Path(
+        "skytrace-demo"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated flight.")] = 0,
+) -> None:
+    """Simulate a four-camera flight, reconstruct it blind, and print the errors against the truth."""
+    from skytrace.cli.demo import demo_command
+
+    demo_command(output, seed)
+
+
+@import_app.command("mvus")
+def import_mvus(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG.json", help="Configuration of the paper's code.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="FLIGHT folder to write.")],
+) -> None:
+    """Turn a configuration of the paper's code into a FLIGHT folder."""
+    from skytrace.io.mvus import import_mvus as convert
+
+    print(convert(config, output))

@@ -1,0 +1,114 @@
+"""Numbers and findings in plain words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from skytrace.model.reconstruction import Reconstruction
+
+MINUS = "\N{MINUS SIGN}"
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number to so many significant digits, without an exponent where it can be read without."""
+    if not math.isfinite(value):
+        return "unknown"
+    if value == 0:
+        return "0"
+    magnitude = math.floor(math.log10(abs(value)))
+    if not -5 <= magnitude <= 7:
+        text = f"{value:.{digits - 1}e}"
+    else:
+        text = f"{value:,.{max(0, digits - 1 - magnitude)}f}"
+    return text.replace("-", MINUS)
+
+
+def with_deviation(value: float, deviation: float) -> str:
+    """A value and its standard deviation, both to the deviation's second digit; a deviation of 0 means a fixed value."""
+    if not math.isfinite(deviation):
+        return number(value, 6)
+    if deviation == 0:
+        return f"{number(value, 7)} (fixed)"
+    decimals = min(max(1 - math.floor(math.log10(deviation)), 0), 12)
+    return f"{value:,.{decimals}f} {PLUS_MINUS} {deviation:,.{decimals}f}".replace("-", MINUS)
+
+
+def seconds(value: float) -> str:
+    """A duration: '8.3 s', '2 min 5 s'."""
+    if value < 60:
+        return f"{value:.1f} s"
+    minutes, rest = divmod(round(value), 60)
+    return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+
+
+def count(n: int, noun: str, plural: str | None = None) -> str:
+    """'1 camera', '4 cameras', '12,345 detections'."""
+    return f"{n:,} {noun if n == 1 else plural or noun + 's'}"
+
+
+def listing(words: Sequence[str]) -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def unit_of(reconstruction: Reconstruction) -> str:
+    """The unit of length for labels: 'm' or 'units'."""
+    return "m" if reconstruction.gauge == "metric" else "units"
+
+
+def pooled_median_px(reconstruction: Reconstruction) -> float:
+    """Median length of the reprojection errors of all cameras' detections together, NaN without any."""
+    lengths = [np.linalg.norm(c.residuals.error_px, axis=1) for c in reconstruction.cameras.values()]
+    pooled = np.concatenate(lengths)
+    return float(np.median(pooled)) if len(pooled) else float("nan")
+
+
+def summary_sentences(reconstruction: Reconstruction, n_cameras: int) -> list[str]:
+    """What the run found, in a few sentences; `n_cameras` were given, registered or not."""
+    sentences = [_cameras(reconstruction, n_cameras), _coverage(reconstruction)]
+    if math.isfinite(pooled_median_px(reconstruction)):
+        sentences.append(_errors(reconstruction))
+    return sentences
+
+
+def frame_sentences(reconstruction: Reconstruction) -> list[str]:
+    """Which unit, frame and clock the numbers refer to."""
+    reference = reconstruction.reference
+    if reconstruction.gauge == "metric":
+        where = "Lengths are in metres and positions in the frame of the positions that were given."
+    else:
+        where = (
+            "Lengths are in an arbitrary unit: without a known distance, tracks tell the shape of a flight but not its "
+            f"size. Positions refer to camera {reference}, with x to its right, y down and z forward."
+        )
+    return [where, f"Times are seconds on the clock of camera {reference}."]
+
+
+def _cameras(reconstruction: Reconstruction, n_cameras: int) -> str:
+    n = len(reconstruction.cameras)
+    if n == n_cameras:
+        return f"All {n} cameras were located and synchronised by the target they saw."
+    missing = listing(list(reconstruction.unregistered)) or f"{n_cameras - n} more"
+    return f"{n} of {n_cameras} cameras were located and synchronised by the target they saw; without {missing}."
+
+
+def _coverage(reconstruction: Reconstruction) -> str:
+    trajectory = reconstruction.trajectory
+    if not trajectory.segments:
+        return "No stretch of the flight is covered."
+    span_s = trajectory.segments[-1].end_s - trajectory.segments[0].begin_s
+    covered = f"The trajectory covers {seconds(trajectory.covered_s)}"
+    if len(trajectory.segments) == 1:
+        return f"{covered} without a gap."
+    return f"{covered} in {len(trajectory.segments)} segments spread over {seconds(span_s)}; nothing is claimed between."
+
+
+def _errors(reconstruction: Reconstruction) -> str:
+    by_camera = [c.residuals.median_px for c in reconstruction.cameras.values() if len(c.residuals.frame)]
+    text = f"Half of all detections lie within {number(pooled_median_px(reconstruction), 2)} px of where they should"
+    low, high = number(min(by_camera), 2), number(max(by_camera), 2)
+    return f"{text} ({low} to {high} px by camera)." if low != high else f"{text}."
