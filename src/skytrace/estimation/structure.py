@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skytrace.errors import ReconstructionError
 from skytrace.estimation.correspond import ImagePath
 from skytrace.estimation.scene import Scene
 from skytrace.estimation.trajectory_fit import fit_spline, knot_grid
@@ -69,5 +70,12 @@ def world_rays(scene: Scene, camera_id: str, path: ImagePath, time_s: FloatArray
 def fit_structure(scene: Scene, structure: Structure, settings: StructureSettings) -> Scene:
     """The scene with a least-jerk spline through the triangulated points."""
     grid = knot_grid(structure.time_s, settings.knot_spacing_s, settings.margin_s, settings.bridge_s)
+    if grid is None:
+        raise ReconstructionError(
+            "triangulate",
+            "no stretch of the flight can be triangulated",
+            counts={"points": len(structure.time_s)},
+            hint="The cameras' geometry contradicts itself; check calibrations and frame rates",
+        )
     control = fit_spline(grid, structure.time_s, structure.point_in_world, structure.sigma)
     return scene.with_trajectory(grid, control)

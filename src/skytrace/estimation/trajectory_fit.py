@@ -9,17 +9,26 @@ from skytrace.estimation.priors import automatic_weight, energy_trace, motion_pr
 from skytrace.geometry.arrays import FloatArray
 from skytrace.solvers import bspline
 
+_FEWEST_TIMES = 5  # least jerk leaves a parabola free, which a run needs more than three points to fix
 
-def knot_grid(time_s: FloatArray, spacing_s: float, margin_s: float, bridge_s: float) -> KnotGrid:
-    """Runs of knot intervals that cover supported times (n,) with a margin, bridging silences up to `bridge_s`."""
+
+def knot_grid(time_s: FloatArray, spacing_s: float, margin_s: float, bridge_s: float) -> KnotGrid | None:
+    """Runs of knot intervals that cover supported times (n,) with a margin, bridging silences up to `bridge_s`.
+
+    Runs of fewer than five times are left out; None where nothing remains.
+    """
     margin, bridge = max(1, round(margin_s / spacing_s)), round(bridge_s / spacing_s)
-    intervals = np.unique(np.floor(np.asarray(time_s) / spacing_s).astype(np.int64))
+    intervals, counts = np.unique(np.floor(np.asarray(time_s) / spacing_s).astype(np.int64), return_counts=True)
     if not len(intervals):
-        raise ValueError("time_s: expected at least one supported time")
+        return None
     breaks = np.flatnonzero(np.diff(intervals) > max(bridge, 2 * margin + 1))
-    first = intervals[np.r_[0, breaks + 1]] - margin
-    last = intervals[np.r_[breaks, len(intervals) - 1]] + margin
-    return KnotGrid(spacing_s, tuple((int(a), int(b) + 1) for a, b in zip(first, last, strict=True)))
+    starts, ends = np.r_[0, breaks + 1], np.r_[breaks, len(intervals) - 1]
+    runs = tuple(
+        (int(intervals[a]) - margin, int(intervals[b]) + margin + 1)
+        for a, b in zip(starts, ends, strict=True)
+        if counts[a : b + 1].sum() >= _FEWEST_TIMES
+    )
+    return KnotGrid(spacing_s, runs) if runs else None
 
 
 def fit_spline(grid: KnotGrid, time_s: FloatArray, point_in_world: FloatArray, sigma: FloatArray) -> FloatArray:

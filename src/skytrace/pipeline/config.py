@@ -8,6 +8,7 @@ from typing import Any
 
 from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
 from skytrace.estimation.clean import CleanSettings
+from skytrace.estimation.clock_wander import WanderSettings
 from skytrace.estimation.coverage import CoverageSettings
 from skytrace.estimation.finish import FinishSettings
 from skytrace.estimation.grow import GrowSettings
@@ -32,6 +33,7 @@ class Config:
     freedom: Freedom = field(default_factory=Freedom)
     passes: int = 2  # final adjustments, each but the first on a trajectory triangulated anew
     finish: FinishSettings = field(default_factory=FinishSettings)
+    wander: WanderSettings = field(default_factory=WanderSettings)
     coverage: CoverageSettings = field(default_factory=CoverageSettings)
 
     def as_dict(self) -> Mapping[str, Any]:

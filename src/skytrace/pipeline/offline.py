@@ -10,6 +10,7 @@ import numpy as np
 
 from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.driver import Adjusted
+from skytrace.estimation.clock_wander import Wander, find_wander, retimed
 from skytrace.estimation.correspond import image_path
 from skytrace.estimation.finish import finish, refined_paths
 from skytrace.estimation.grow import Grown, Growth, complete, grow
@@ -40,6 +41,7 @@ class Outcome:
     adjusted: Adjusted
     posterior: Posterior
     synchronisation: Synchronisation
+    wander: Mapping[str, Wander]  # of the cameras whose clocks run unevenly
 
 
 _GROSS_RATE = 0.01
@@ -100,8 +102,10 @@ def run(
         yield Stage("grow", len(grown.adjusted.camera_ids), len(synchronisation.clocks), grown)
     assert grown is not None  # the initial pair at least
 
-    adjusted, missing = grown.adjusted, grown.missing
-    for k in range(config.passes):
+    adjusted, missing, wander = grown.adjusted, grown.missing, {}
+    passes = config.passes
+    k = 0
+    while k < passes:
         adjusted = finish(
             adjusted,
             given,
@@ -111,11 +115,17 @@ def run(
             config.finish,
             retriangulate=k > 0,
         )
-        yield Stage("adjust", k + 1, config.passes, adjusted)
+        yield Stage("adjust", k + 1, passes, adjusted)
+        if k == 0:
+            wander = find_wander(adjusted, config.wander)
+            rates = {c: adjusted.scene.cameras[c].rate for c in wander}
+            given |= {c: retimed(given[c], w, rates[c]) for c, w in wander.items()}
+            passes += bool(wander)
         if missing and k == 0:
-            growth = replace(growth, paths={**paths, **refined_paths(adjusted.scene, given)})
+            growth = replace(growth, recordings=given, paths={**paths, **refined_paths(adjusted.scene, given)})
             for grown in complete(Grown(adjusted, None, missing), growth):
                 adjusted, missing = grown.adjusted, grown.missing
+        k += 1
 
     unregistered = {**silent, **synchronisation.untied, **missing}
     reconstruction, deviations = assemble(adjusted, given, unregistered, config.coverage)
@@ -126,7 +136,7 @@ def run(
             threshold=config.coverage.min_segment_s,
             hint="The reconstruction contradicts itself; check calibrations and frame rates",
         )
-    yield Stage("cover", 1, 1, Outcome(reconstruction, adjusted, deviations, synchronisation))
+    yield Stage("cover", 1, 1, Outcome(reconstruction, adjusted, deviations, synchronisation, wander))
 
 
 def correct_frame_rates(

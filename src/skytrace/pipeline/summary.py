@@ -130,6 +130,11 @@ def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, 
     for camera_id, reason in reconstruction.unregistered.items():
         out.append(f"Camera {camera_id} is left out: {reason}.")
     given = {r.camera_id: r.frame_rate_hz for r in prepared.recordings}
+    for camera_id, wander in outcome.wander.items():
+        out.append(
+            f"Camera {camera_id}'s frames are not evenly spaced: its clock wanders by {1e3 * wander.rms_s:.0f} ms (rms), "
+            "which was estimated; per-frame time stamps would be better."
+        )
     for camera_id, camera in reconstruction.cameras.items():
         found = 1 / camera.clock.period_s
         if abs(found / given[camera_id] - 1) > _ODD_RATE:

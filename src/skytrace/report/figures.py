@@ -5,11 +5,11 @@ Colours written "$name" are named in theme.py and put in by the page, which know
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skytrace.geometry.arrays import FloatArray
 from skytrace.geometry.rigid import Rigid
@@ -23,12 +23,22 @@ PATH, TARGET, SIGHT = "path", "target", "sight"  # the traces that the page's sc
 
 
 def numbers(values: Iterable[float], step: float) -> list[float | None]:
-    """Values rounded to the power of ten next below `step`, None (a gap in plotly) where they are not finite."""
-    decimals = int(np.ceil(-np.log10(step) - 1e-9))
+    """Values rounded to a power of ten, at most 1, not above `step`; None (a gap in plotly) where not finite."""
+    decimals = decimals_for(step)
     array = np.round(np.asarray(values, float), decimals)
-    if decimals <= 0:
+    if decimals == 0:
         return [int(v) if np.isfinite(v) else None for v in array.tolist()]
     return [v if np.isfinite(v) else None for v in array.tolist()]
+
+
+def decimals_for(step: float) -> int:
+    """How many decimals, none or more, tell values `step` apart."""
+    return max(0, int(np.ceil(-np.log10(step) - 1e-9)))
+
+
+def significant(values: Iterable[float], digits: int = 4) -> list[float | None]:
+    """Values to so many significant digits, None where they are not finite."""
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in np.asarray(values, float).tolist()]
 
 
 def resolution(points: FloatArray) -> float:
@@ -37,8 +47,12 @@ def resolution(points: FloatArray) -> float:
 
 
 def label(camera_id: str, longest: int = 18) -> str:
-    """A camera's name as plotly's labels take it: short, and not read as markup."""
-    return html.escape(camera_id if len(camera_id) <= longest else camera_id[: longest - 1] + "…", quote=False)
+    """A camera's name as plotly's labels take it: short, and not read as markup.
+
+    Its 2D and 3D labels agree on tags but not on escapes, so angle brackets give way to their look-alikes.
+    """
+    short = camera_id if len(camera_id) <= longest else camera_id[: longest - 1] + "…"
+    return short.replace("<", "‹").replace(">", "›")
 
 
 def path_columns(path: PathSamples) -> dict[str, list[float | None]]:
@@ -46,17 +60,20 @@ def path_columns(path: PathSamples) -> dict[str, list[float | None]]:
     breaks = np.flatnonzero(np.diff(path.segment)) + 1
     step = resolution(path.position)
 
-    def column(values: FloatArray, precision: float) -> list[float | None]:
-        return numbers(np.insert(np.asarray(values, float), breaks, np.nan), precision)
+    def broken(values: ArrayLike) -> FloatArray:
+        return np.insert(np.asarray(values, float), breaks, np.nan)
 
-    columns = {"time": column(path.time_s, 1e-3)}
-    for axis, name in enumerate("xyz"):
-        columns[name] = column(path.position[:, axis], step)
-    columns["speed"] = column(path.speed, step)
-    columns["sigma"] = column(path.sigma, 0.01 * step)
-    columns["cameras"] = column(path.n_cameras, 1)
-    columns["segment"] = column(path.segment + 1, 1)
-    return columns
+    x, y, z = path.position.T
+    return {
+        "time": numbers(broken(path.time_s), 1e-3),
+        "x": numbers(broken(x), step),
+        "y": numbers(broken(y), step),
+        "z": numbers(broken(z), step),
+        "speed": significant(broken(path.speed)),
+        "sigma": significant(broken(path.sigma), 3),
+        "cameras": numbers(broken(path.n_cameras), 1),
+        "segment": numbers(broken(path.segment + 1), 1),
+    }
 
 
 def colour_choices(path: PathSamples, unit: str) -> list[dict[str, Any]]:
@@ -73,12 +90,11 @@ def colour_choices(path: PathSamples, unit: str) -> list[dict[str, Any]]:
             continue
         # A few wild samples at the ends of segments must not use up the scale.
         low, high = (known.min(), known.max()) if key in ("time", "cameras") else np.percentile(known, (1, 98))
-        choices.append({"key": key, "label": title, "min": _short(low), "max": _short(max(high, low * (1 + 1e-6)))})
+        if not high > low:
+            low, high = low - 0.5, high + 0.5
+        first, last = significant((low, high))
+        choices.append({"key": key, "label": title, "min": first, "max": last})
     return choices
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.4g}")
 
 
 def scene_figure(
@@ -88,7 +104,7 @@ def scene_figure(
     unit: str,
     truth_in_world: FloatArray | None = None,
 ) -> Figure:
-    """The flight and its cameras in 3D, in the frame of the picture. The script adds colours, hover texts and target."""
+    """The flight and its cameras in 3D, in the picture's frame; the script adds colours, hover texts, target."""
     centres = np.array([c.camera_from_world.centre for c in reconstruction.cameras.values()])
     everything = picture_from_world.apply(np.concatenate([path.position, centres]))
     step = resolution(everything)
@@ -96,7 +112,7 @@ def scene_figure(
 
     breaks = np.flatnonzero(np.diff(path.segment)) + 1
     line = np.insert(picture_from_world.apply(path.position), breaks, np.nan, axis=0)
-    data = [_lines(line, step, "trajectory", meta=PATH, line={"width": 5, "color": "$accent"})]
+    data = [_lines(line, step, "trajectory", meta=PATH, showlegend=False, line={"width": 5, "color": "$accent"})]
     if truth_in_world is not None:
         true_path = picture_from_world.apply(truth_in_world[thin(len(truth_in_world), MAX_TRUTH_SAMPLES)])
         data.append(_lines(true_path, step, "truth", line={"width": 2, "color": "$muted"}, hoverinfo="skip"))
@@ -113,7 +129,7 @@ def scene_figure(
     axes = {f"{axis}axis": {"title": {"text": f"{way} [{unit}]"}} for axis, way in zip("xyz", _WAYS, strict=True)}
     layout = {
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
-        "scene": {**axes, "aspectmode": "data", "dragmode": "turntable", "camera": VIEWS["overview"]},
+        "scene": {**axes, "aspectmode": "data", "dragmode": "turntable", "domain": {"y": [0, 0.9]}},
         "legend": {"orientation": "h", "x": 0, "y": 0, "yanchor": "bottom", "itemsizing": "constant"},
         "uirevision": "keep the reader's view",
     }
@@ -123,7 +139,7 @@ def scene_figure(
 _WAYS = ("right", "forward", "up")
 _UP, _LEVEL = {"x": 0, "y": 0, "z": 1}, {"x": 0, "y": 1, "z": 0}
 VIEWS: dict[str, Any] = {
-    "overview": {"eye": {"x": -0.6, "y": -1.5, "z": 0.75}, "up": _UP, "center": {"x": 0, "y": 0, "z": 0}},
+    "overview": {"eye": {"x": -0.7, "y": -1.6, "z": 0.8}, "up": _UP, "center": {"x": 0, "y": 0, "z": -0.1}},
     "above": {"eye": {"x": 0, "y": -0.01, "z": 2}, "up": _LEVEL, "center": {"x": 0, "y": 0, "z": 0}},
     "front": {"eye": {"x": 0, "y": -2, "z": 0.05}, "up": _UP, "center": {"x": 0, "y": 0, "z": 0}},
     "side": {"eye": {"x": 2, "y": 0, "z": 0.05}, "up": _UP, "center": {"x": 0, "y": 0, "z": 0}},
@@ -146,6 +162,17 @@ def _names(reconstruction: Reconstruction, centres: FloatArray, step: float) -> 
     }
 
 
+def time_range_s(reconstruction: Reconstruction) -> list[float]:
+    """First and last time, with a margin, of anything that is covered or was used."""
+    times = [c.residuals.time_s for c in reconstruction.cameras.values()]
+    times += [np.array([s.begin_s, s.end_s]) for s in reconstruction.trajectory.segments]
+    pooled = np.concatenate(times)
+    if not len(pooled):
+        return [0.0, 1.0]
+    margin_s = max(0.01 * float(np.ptp(pooled)), 0.1)
+    return [round(float(pooled.min()) - margin_s, 3), round(float(pooled.max()) + margin_s, 3)]
+
+
 def timeline_figure(reconstruction: Reconstruction, path: PathSamples, unit: str) -> Figure:
     """When each camera saw the target, against what is covered and how certain the position is."""
     covered = np.array([[s.begin_s, s.end_s] for s in reconstruction.trajectory.segments]).reshape(-1, 2)
@@ -155,47 +182,47 @@ def timeline_figure(reconstruction: Reconstruction, path: PathSamples, unit: str
     data = [_bars(name, intervals, colour) for name, intervals, colour in rows]
     bars_px, certainty_px = 26 * len(rows), 110
     layout: Figure = {
-        "margin": {"l": 8, "r": 12, "t": 8, "b": 40},
+        "margin": {"l": 8, "r": 12, "t": 30, "b": 40},
         "showlegend": False,
         "hovermode": "closest",
-        "height": bars_px + 60,
-        "xaxis": {"title": {"text": "time [s]"}, "anchor": "y"},
+        "height": bars_px + 80,
+        "xaxis": {"title": {"text": "time [s]"}, "anchor": "y", "range": time_range_s(reconstruction)},
         "yaxis": {
             "type": "category",
             "categoryorder": "array",
             "categoryarray": [name for name, _, _ in rows],
-            "autorange": "reversed",
             "range": [len(rows) - 0.4, -0.6],
             "fixedrange": True,
             "showgrid": False,
         },
     }
-    layout["yaxis"]["autorange"] = False
     if np.isfinite(path.sigma).any():
-        columns = path_columns(path)
         share = bars_px / (bars_px + certainty_px)
         layout["height"] += certainty_px
         layout["yaxis"]["domain"] = [1 - share, 1]
         layout["xaxis"]["anchor"] = "y2"
         layout["yaxis2"] = {
-            "domain": [0, 0.92 * (1 - share)],
-            "title": {"text": f"deviation [{unit}]"},
-            "type": "log",
+            "domain": [0, 0.9 * (1 - share)],
+            "title": {"text": f"± [{unit}]"},
+            "range": [0, 1.5 * float(np.nanpercentile(path.sigma, 98)) or 1.0],
             "fixedrange": True,
-            "nticks": 4,
+            "nticks": 5,
         }
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "x": columns["time"],
-                "y": columns["sigma"],
-                "yaxis": "y2",
-                "line": {"width": 1.5, "color": "$accent"},
-                "hovertemplate": f"%{{x:.2f}} s: ± %{{y:.2~r}} {unit}<extra></extra>",
-            }
-        )
+        data.append(_certainty(path, unit))
     return {"data": data, "layout": layout}
+
+
+def _certainty(path: PathSamples, unit: str) -> dict[str, Any]:
+    columns = path_columns(path)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": columns["time"],
+        "y": columns["sigma"],
+        "yaxis": "y2",
+        "line": {"width": 1.5, "color": "$accent"},
+        "hovertemplate": f"%{{x:.2f}} s: ± %{{y:.2~r}} {unit}<extra></extra>",
+    }
 
 
 def _bars(name: str, intervals: FloatArray, colour: str) -> dict[str, Any]:

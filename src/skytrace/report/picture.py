@@ -39,7 +39,7 @@ def up_in_world(reconstruction: Reconstruction, iterations: int = 10) -> FloatAr
     up = mean
     for _ in range(iterations):
         weight = 1 / (np.abs(x_axes @ up) + 0.05)
-        spread = (x_axes.T * weight) @ x_axes / weight.sum() - 0.05 * np.outer(mean, mean)
+        spread = (x_axes.T * weight) @ x_axes / weight.sum() - 0.01 * np.outer(mean, mean)
         up = np.linalg.eigh(spread)[1][:, 0]
         up = up if up @ mean >= 0 else -up
     return up
@@ -51,7 +51,9 @@ def frustum_lines(camera_from_world: Rigid, intrinsics: Intrinsics, depth: float
     A tick on the upper edge of the image tells which way up the camera is.
     """
     width, height = intrinsics.size_px
-    edge = (np.array([[0, 0], [width, 0], [width, height], [0, height]]) - intrinsics.principal_px) / intrinsics.focal_px
+    edge = (
+        np.array([[0, 0], [width, 0], [width, height], [0, height]]) - intrinsics.principal_px
+    ) / intrinsics.focal_px
     corners = depth * np.column_stack([edge, np.ones(4)])
     apex, gap = np.zeros(3), np.full(3, np.nan)
     tick = 0.5 * (corners[0] + corners[1]) + 0.35 * (corners[0] - corners[3])

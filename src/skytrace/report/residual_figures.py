@@ -1,4 +1,4 @@
-"""The figures about one camera's reprojection errors as plotly's JSON: over time, their distribution, over the image."""
+"""The figures about one camera's reprojection errors as plotly's JSON: over time, as a distribution, over the image."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ import numpy as np
 
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.model.reconstruction import CameraEstimate
-from skytrace.report.figures import Figure, numbers
+from skytrace.report.figures import Figure, numbers, significant
 from skytrace.report.samples import MAX_RESIDUALS, error_field, error_histogram, running_median, thin
+from skytrace.report.words import number
 
 _MARGIN = {"l": 8, "r": 12, "t": 8, "b": 40}
 _LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"}
+_FRAME = {"zeroline": False, "showline": True, "mirror": True}
 _PIXEL_STEP = 0.1
-_SMALLEST_PX = 1e-3  # what a logarithmic axis shows of an error of zero
+_SMALLEST_PX = 1e-9  # what a logarithmic axis shows of an error of zero
 
 
-def residual_figures(camera: CameraEstimate, colour: str) -> dict[str, Figure]:
+def residual_figures(camera: CameraEstimate, colour: str, range_s: list[float]) -> dict[str, Figure]:
     """The three figures of a camera by name: time, histogram, image."""
     shown = thin(len(camera.residuals.frame), MAX_RESIDUALS)
     return {
-        "time": time_figure(camera, colour, shown),
+        "time": time_figure(camera, colour, range_s, shown),
         "histogram": histogram_figure(camera, colour),
         "image": image_figure(camera, colour, shown),
     }
 
 
-def time_figure(camera: CameraEstimate, colour: str, shown: IntArray) -> Figure:
+def time_figure(camera: CameraEstimate, colour: str, range_s: list[float], shown: IntArray) -> Figure:
     """Error lengths over time on a logarithmic axis, with the running median of those that agree."""
     residuals = camera.residuals
     length = np.maximum(np.linalg.norm(residuals.error_px[shown], axis=1), _SMALLEST_PX)
     data = []
     for name, chosen, marker in _kinds(residuals.inlier[shown], colour):
-        points = {"x": numbers(residuals.time_s[shown][chosen], 1e-3), "y": numbers(length[chosen], 1e-3)}
-        data.append(_points(points, name, marker, "%{x:.2f} s: %{y:.2f} px"))
+        points = {"x": numbers(residuals.time_s[shown][chosen], 1e-3), "y": significant(length[chosen], 3)}
+        data.append(_points(points, name, marker, "%{x:.2f} s: %{y:.2~r} px"))
     middle_s, median_px = running_median(residuals)
     data.append(
         {
@@ -42,19 +44,27 @@ def time_figure(camera: CameraEstimate, colour: str, shown: IntArray) -> Figure:
             "mode": "lines",
             "name": "running median",
             "x": numbers(middle_s, 1e-2),
-            "y": numbers(median_px, 1e-3),
+            "y": significant(median_px, 3),
             "line": {"width": 2, "color": "$ink"},
-            "hovertemplate": "%{x:.1f} s: median %{y:.2f} px<extra></extra>",
+            "hovertemplate": "%{x:.1f} s: median %{y:.2~r} px<extra></extra>",
         }
     )
     layout = {
         "margin": _MARGIN,
         "legend": _LEGEND,
         "hovermode": "closest",
-        "xaxis": {"title": {"text": "time [s]"}},
-        "yaxis": {"title": {"text": "reprojection error [px]"}, "type": "log", "dtick": 1},
+        "xaxis": {"title": {"text": "time [s]"}, "range": range_s},
+        "yaxis": {"title": {"text": "reprojection error [px]"}, "type": "log", "dtick": 1, **_log_range(length)},
     }
     return {"data": data, "layout": layout}
+
+
+def _log_range(length_px: FloatArray) -> dict[str, Any]:
+    # The smallest errors are a matter of luck, and on a logarithmic axis they would take half of the figure.
+    if not len(length_px):
+        return {}
+    low, high = np.log10(np.percentile(length_px, 0.5)), np.log10(length_px.max())
+    return {"range": [round(float(low) - 0.1, 3), round(float(high) + 0.15, 3)]}
 
 
 def histogram_figure(camera: CameraEstimate, colour: str) -> Figure:
@@ -67,7 +77,9 @@ def histogram_figure(camera: CameraEstimate, colour: str) -> Figure:
         for axis, line in enumerate((colour, "$ink"))
     ]
     normal = np.exp(-0.5 * (centre / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
-    data.append(_curve(centre, normal, f"normal, σ {sigma:.2f} px", {"color": "$muted", "width": 1.5, "dash": "dot"}))
+    data.append(
+        _curve(centre, normal, f"normal, σ {number(sigma, 2)} px", {"color": "$muted", "width": 1.5, "dash": "dot"})
+    )
     layout = {
         "margin": _MARGIN,
         "legend": _LEGEND,
@@ -105,13 +117,13 @@ def image_figure(camera: CameraEstimate, colour: str, shown: IntArray) -> Figure
         "margin": _MARGIN,
         "legend": _LEGEND,
         "hovermode": "closest",
-        "xaxis": {"range": [-0.5, width - 0.5], "constrain": "domain", "title": {"text": "x [px]"}, "zeroline": False},
+        "xaxis": {"range": [-0.5, width - 0.5], "constrain": "domain", "title": {"text": "x [px]"}, **_FRAME},
         "yaxis": {
             "range": [height - 0.5, -0.5],
             "constrain": "domain",
             "scaleanchor": "x",
             "title": {"text": "y [px]"},
-            "zeroline": False,
+            **_FRAME,
         },
     }
     return {"data": data, "layout": layout}
@@ -121,8 +133,7 @@ def arrow_magnification(error_px: FloatArray, width_px: float) -> int:
     """A round factor, 1, 2 or 5 times a power of ten, that makes the longest arrow about an eighth of the image."""
     longest = float(np.linalg.norm(error_px, axis=1).max())
     ratio = width_px / 8 / max(longest, 1e-6)
-    power = 10 ** int(np.floor(np.log10(max(ratio, 1.0))))
-    return int(power * max(factor for factor in (1, 2, 5) if factor * power <= max(ratio, 1.0)))
+    return max(digit * 10**power for power in range(10) for digit in (1, 2, 5) if digit * 10**power <= max(ratio, 1.0))
 
 
 def _arrows(place: FloatArray, vector: FloatArray) -> FloatArray:
@@ -144,5 +155,5 @@ def _points(points: dict[str, Any], name: str, marker: dict[str, Any], hover: st
 
 
 def _curve(x: FloatArray, y: FloatArray, name: str, line: dict[str, Any]) -> dict[str, Any]:
-    values = {"x": numbers(x, 1e-3), "y": numbers(y, 1e-5)}
+    values = {"x": significant(x), "y": significant(y)}
     return {"type": "scatter", "mode": "lines", "name": name, **values, "line": line, "hoverinfo": "skip"}

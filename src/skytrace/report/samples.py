@@ -98,7 +98,7 @@ def error_histogram(residuals: Residuals, reach_px: float, n_bins: int = 61) -> 
 
 
 def error_field(
-    residuals: Residuals, size_px: tuple[int, int], n_columns: int = 12, at_least: int = 8
+    residuals: Residuals, size_px: tuple[int, int], n_columns: int = 12, at_least: int = 20
 ) -> tuple[FloatArray, FloatArray]:
     """Mean places (m, 2) and mean errors (m, 2), both in px, of the agreeing detections in each cell of the image.
 

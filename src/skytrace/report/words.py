@@ -11,6 +11,7 @@ from skytrace.model.reconstruction import Reconstruction
 
 MINUS = "\N{MINUS SIGN}"
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -28,7 +29,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def with_deviation(value: float, deviation: float) -> str:
-    """A value and its standard deviation, both to the deviation's second digit; a deviation of 0 means a fixed value."""
+    """A value and its standard deviation, both to the second digit of the latter, which is 0 for a fixed value."""
     if not math.isfinite(deviation):
         return number(value, 6)
     if deviation == 0:
@@ -38,11 +39,12 @@ def with_deviation(value: float, deviation: float) -> str:
 
 
 def seconds(value: float) -> str:
-    """A duration: '8.3 s', '2 min 5 s'."""
+    """A duration: '8.3 s', '2 min 5 s', never broken across lines."""
     if value < 60:
-        return f"{value:.1f} s"
+        return f"{value:.1f}{NO_BREAK}s"
     minutes, rest = divmod(round(value), 60)
-    return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    text = f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    return text.replace(" ", NO_BREAK)
 
 
 def count(n: int, noun: str, plural: str | None = None) -> str:
@@ -104,7 +106,9 @@ def _coverage(reconstruction: Reconstruction) -> str:
     covered = f"The trajectory covers {seconds(trajectory.covered_s)}"
     if len(trajectory.segments) == 1:
         return f"{covered} without a gap."
-    return f"{covered} in {len(trajectory.segments)} segments spread over {seconds(span_s)}; nothing is claimed between."
+    return (
+        f"{covered} in {len(trajectory.segments)} segments spread over {seconds(span_s)}; nothing is claimed between."
+    )
 
 
 def _errors(reconstruction: Reconstruction) -> str:

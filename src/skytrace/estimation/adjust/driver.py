@@ -201,7 +201,7 @@ def estimate_weights(
     """Each camera's noise and information per residual, and how much the residuals' correlation inflates variances.
 
     Correlations last some time whatever the frame rate, so a residual of a fast camera carries less information than
-    one of a slow camera. The inflation is that of the slowest camera, for the correlation time typical of all.
+    one of a slow camera. The inflation is that of the slowest camera for one correlation time common to all.
     """
     residual = solve.predict(problem, state) - problem.observations.xy_px
     sigma, correlation_s, rate = np.ones(len(camera_ids)), np.zeros(len(camera_ids)), np.zeros(len(camera_ids))
@@ -211,10 +211,25 @@ def estimate_weights(
         sigma[i] = noise.robust_sigma(residual[own])
         correlation_s[i] = noise.inflation(residual[own], frames[own], sigma[i], rate[i]) / rate[i]
     slowest = float(rate.min())
-    common = max(1.0, float(np.median(correlation_s)) * slowest)
+    # The camera that shows most correlation is the one whose slow errors the trajectory follows least.
+    common = max(1.0, float(correlation_s.max()) * slowest * _absorbed(problem, state))
     # A camera whose noise seems to vanish is being followed by the spline, not measured better than all others.
     sigma = np.maximum(sigma, settings.smallest_sigma_ratio * float(np.median(sigma)))
     return Weights(sigma, slowest / rate, settings.loss_scale), common
+
+
+def _absorbed(problem: Problem, state: State) -> float:
+    """How much more slow noise there is than the residuals show, because the trajectory follows it.
+
+    Each moment has two measurements per camera in view and three unknowns: of slow errors, which the spline can follow,
+    only the share (2 c - 3) / (2 c) remains in the residuals of c cameras.
+    """
+    o = problem.observations
+    time = state.clock[o.camera, 0] + state.clock[o.camera, 1] * o.tau_s
+    moments = np.unique(np.stack([o.camera, np.round(time / problem.grid.spacing_s).astype(np.int64)]), axis=1)
+    _, cameras = np.unique(moments[1], return_counts=True)
+    c = cameras[cameras >= 2]
+    return float((2 * c).sum() / (2 * c - 3).sum()) if len(c) else 1.0
 
 
 def reweighted(problem: Problem, state: State, priors: Priors, weights: Weights, motion: MotionPrior) -> MotionPrior:

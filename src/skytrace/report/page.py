@@ -1,0 +1,201 @@
+"""The report page put together: texts, tables, figures, styles and scripts in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from html import escape
+from importlib import resources
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from skytrace.geometry.arrays import FloatArray
+from skytrace.io.run_folder import SUPPORT_S
+from skytrace.model.reconstruction import Reconstruction
+from skytrace.report.figures import (
+    VIEWS,
+    colour_choices,
+    decimals_for,
+    numbers,
+    path_columns,
+    resolution,
+    scene_figure,
+    time_range_s,
+    timeline_figure,
+)
+from skytrace.report.picture import picture_from_world
+from skytrace.report.residual_figures import residual_figures
+from skytrace.report.samples import MAX_RESIDUALS, PathSamples, path_samples, sight_intervals
+from skytrace.report.tables import camera_ids, camera_table, definitions, dropped_table, pair_table
+from skytrace.report.theme import camera_colour, themes
+from skytrace.report.words import (
+    NO_BREAK,
+    count,
+    frame_sentences,
+    number,
+    pooled_median_px,
+    seconds,
+    summary_sentences,
+    unit_of,
+)
+
+
+def render_report(
+    reconstruction: Reconstruction,
+    summary: Mapping[str, Any],
+    *,
+    name: str,
+    truth_in_world: FloatArray | None = None,
+    versions: Mapping[str, Any],
+    settings: Mapping[str, Any],
+) -> str:
+    """The report of a run: HTML text that holds all it needs, plotly.js included.
+
+    `summary` is what summary.json holds; what it does not hold is left out of the page. `truth_in_world` (n, 3) is
+    the true path in the frame and unit of the reconstruction, NaN where it is unknown. The same input gives the same
+    text. Raises ValueError when the truth has another shape.
+    """
+    if truth_in_world is not None and (np.ndim(truth_in_world) != 2 or np.shape(truth_in_world)[1] != 3):
+        raise ValueError(f"truth_in_world: expected shape (n, 3), got {np.shape(truth_in_world)}")
+    from plotly.offline import get_plotlyjs
+
+    path, unit = path_samples(reconstruction), unit_of(reconstruction)
+    choices = colour_choices(path, unit)
+    sentences = summary_sentences(reconstruction, len(camera_ids(reconstruction, summary)))
+    return Template(_resource("page.html")).substitute(
+        title=escape(name),
+        css=_resource("page.css"),
+        js=_resource("page.js"),
+        # Inside a script element only its end tag, in a string or not, has a meaning to the HTML parser.
+        plotly=get_plotlyjs().replace("</script", "<\\/script"),
+        data=_script_data(_data(reconstruction, path, choices, unit, truth_in_world)),
+        warnings=_warnings(summary),
+        summary=escape(" ".join(sentences)),
+        frame=escape(" ".join(frame_sentences(reconstruction))),
+        tiles=_tiles(reconstruction, summary, path, unit),
+        colours=_options([choice["key"] for choice in choices], [choice["label"] for choice in choices]),
+        scene_caption=_scene_caption(truth_in_world is not None),
+        cameras=camera_table(reconstruction, summary, unit),
+        camera_options=_options(map(str, range(len(reconstruction.cameras))), reconstruction.cameras),
+        dropped=_section("dropped", "What was dropped", dropped_table(reconstruction, summary), _DROPPED),
+        details=_details(summary, settings, versions),
+    )
+
+
+_DROPPED = (
+    "Dropped before the reconstruction: what cannot be the moving target. Set aside later: detections that were used "
+    "with little weight because they contradict the estimate."
+)
+
+
+def _data(
+    reconstruction: Reconstruction,
+    path: PathSamples,
+    choices: list[dict[str, Any]],
+    unit: str,
+    truth_in_world: FloatArray | None,
+) -> dict[str, Any]:
+    """What the page's script needs, in JSON's types."""
+    picture = picture_from_world(reconstruction)
+    range_s, cameras = time_range_s(reconstruction), []
+    for index, (camera_id, camera) in enumerate(reconstruction.cameras.items()):
+        colour, n = camera_colour(index), len(camera.residuals.frame)
+        cameras.append(
+            {
+                "id": camera_id,
+                "centre": [round(v, 6) for v in picture.apply(camera.camera_from_world.centre).tolist()],
+                "seen": [numbers(interval, 1e-3) for interval in sight_intervals(camera)],
+                "shown": min(n, MAX_RESIDUALS),
+                "used": n,
+                "figures": residual_figures(camera, colour, range_s),
+            }
+        )
+    return {
+        "unit": unit,
+        "decimals": decimals_for(100 * resolution(path.position)),
+        "support": SUPPORT_S,
+        "themes": themes(),
+        "views": VIEWS,
+        "path": path_columns(path),
+        "colours": choices,
+        "cameras": cameras,
+        "scene": scene_figure(reconstruction, path, picture, unit, truth_in_world),
+        "timeline": timeline_figure(reconstruction, path, unit),
+    }
+
+
+def _script_data(data: Mapping[str, Any]) -> str:
+    """JSON in which no text can end the script element around it."""
+    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+def _resource(name: str) -> str:
+    return resources.files("skytrace.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _options(values: Any, labels: Any) -> str:
+    return "".join(f'<option value="{escape(v)}">{escape(t)}</option>\n' for v, t in zip(values, labels, strict=True))
+
+
+def _section(anchor: str, title: str, content: str, note: str = "") -> str:
+    if not content:
+        return ""
+    quiet = f'<p class="quiet">{escape(note)}</p>\n' if note else ""
+    heading = f'<h2 id="{anchor}-title">{escape(title)}</h2>'
+    return f'<section aria-labelledby="{anchor}-title">\n{heading}\n{content}\n{quiet}</section>\n'
+
+
+def _warnings(summary: Mapping[str, Any]) -> str:
+    warnings = summary.get("warnings") or ()
+    if not warnings:
+        return ""
+    items = "".join(f"<li>{escape(str(warning))}</li>\n" for warning in warnings)
+    title = count(len(warnings), "warning")
+    return (
+        '<section class="card warnings" aria-labelledby="warnings-title">\n'
+        f'<h2 id="warnings-title">{title}</h2>\n<ul>\n{items}</ul>\n</section>\n'
+    )
+
+
+def _tiles(reconstruction: Reconstruction, summary: Mapping[str, Any], path: PathSamples, unit: str) -> str:
+    n_cameras = len(camera_ids(reconstruction, summary))
+    trajectory = reconstruction.trajectory
+    tiles = [
+        ("cameras registered", f"{len(reconstruction.cameras)} of {n_cameras}"),
+        ("covered", f"{seconds(trajectory.covered_s)}, {count(len(trajectory.segments), 'segment')}"),
+        ("median reprojection error", f"{number(pooled_median_px(reconstruction), 2)} px"),
+    ]
+    sigma = path.sigma[np.isfinite(path.sigma)]
+    if len(sigma):
+        extent = float(np.linalg.norm(np.ptp(path.position, axis=0)))
+        share = f", {number(100 * float(np.median(sigma)) / extent, 2)}{NO_BREAK}% of the extent" if extent > 0 else ""
+        tiles.append(("median posterior deviation", f"{number(float(np.median(sigma)), 2)} {unit}{share}"))
+    return "".join(f"<div><dt>{escape(title)}</dt><dd>{escape(value)}</dd></div>\n" for title, value in tiles)
+
+
+def _scene_caption(has_truth: bool) -> str:
+    truth = " The grey line is the true path." if has_truth else ""
+    return (
+        f"Drag to turn, scroll or pinch to zoom.{truth} The picture is turned so that up is up; the positions below "
+        "and in the hover texts are those of the world frame."
+    )
+
+
+def _details(summary: Mapping[str, Any], settings: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+    synchronisation = summary.get("synchronisation") or {}
+    timings = {f"{stage} [s]": value for stage, value in (summary.get("timings_s") or {}).items()}
+    parts = [
+        ("What the data determine", definitions(summary.get("observability") or {})),
+        ("Synchronisation", pair_table(synchronisation)),
+        ("Computing time", definitions(timings)),
+        ("Settings", definitions(settings)),
+        ("Versions", definitions(versions)),
+    ]
+    return "".join(
+        f'<details class="card"><summary><h2>{escape(title)}</h2></summary>\n{content}\n</details>\n'
+        for title, content in parts
+        if content
+    )

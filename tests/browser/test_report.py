@@ -1,0 +1,134 @@
+"""The report in a real browser: it draws itself without a complaint and answers to the keyboard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import chromium
+import numpy as np
+import pytest
+
+from report_scene import make_reconstruction, make_summary
+from skytrace.report import render_report
+
+pytestmark = pytest.mark.skipif(chromium.EXECUTABLE is None, reason="no Chromium is installed")
+
+DRAWN = "document.documentElement?.dataset.report === 'drawn'"
+RIGHT, END, HOME = ("ArrowRight", 39), ("End", 35), ("Home", 36)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> Path:
+    reconstruction = make_reconstruction(["cam0", "cam1 <b>", "cam2"], unregistered={"cam3": "no overlap"})
+    truth = reconstruction.trajectory.position(np.linspace(0, 30, 100))
+    extras = {"versions": {"skytrace": "1"}, "settings": {"seed": 0}}
+    file = tmp_path_factory.mktemp("report") / "report.html"
+    file.write_text(
+        render_report(reconstruction, make_summary(reconstruction), name="A flight", truth_in_world=truth, **extras),
+        encoding="utf-8",
+    )
+    return file
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium.browser() as running:
+        yield running
+
+
+def text(browser, element: str) -> str:
+    return browser.evaluate(f"document.getElementById('{element}').textContent")
+
+
+def choose(browser, element: str, value: str) -> None:
+    select = f"document.getElementById('{element}')"
+    browser.evaluate(f"{select}.value = '{value}', {select}.dispatchEvent(new Event('change'))")
+
+
+def opened(browser, report, **emulation):
+    browser.emulate(**{"width": 1280, "height": 900, **emulation})
+    browser.open(report)
+    browser.wait_until(DRAWN)
+    return browser
+
+
+def test_draws_every_figure_without_errors_or_requests(browser, report):
+    opened(browser, report)
+    for element in ("scene", "timeline", "errors-time", "errors-histogram", "errors-image"):
+        assert browser.evaluate(f"document.getElementById('{element}').data.length") >= 2
+        assert browser.evaluate(f"document.getElementById('{element}').querySelector('svg.main-svg') !== null")
+    assert browser.evaluate("document.getElementById('colour').options.length") == 4
+    assert browser.complaints() == []
+    assert browser.requests() == [report.as_uri()]
+
+
+def test_slider_moves_the_target_by_keyboard_and_tells_what_is_there(browser, report):
+    opened(browser, report)
+    browser.evaluate("document.getElementById('moment').focus()")
+    assert text(browser, "at-time") == "0.00 s"
+    browser.press(*RIGHT)
+    assert text(browser, "at-time") == "0.04 s"
+    browser.press(*END)
+    assert text(browser, "at-time") == "29.00 s"
+    browser.press(*HOME)
+    browser.wait_until("document.getElementById('timeline').layout.shapes[0].x0 === 0")
+    assert "units" in text(browser, "at-position")
+    assert "cam0" in text(browser, "at-cameras")
+    assert "cam3" not in text(browser, "at-cameras")
+    assert "seen by" in browser.evaluate("document.getElementById('moment').getAttribute('aria-valuetext')")
+    target = "document.getElementById('scene').data.find((trace) => trace.meta === 'target')"
+    at_start = browser.evaluate(f"{target}.x[0]")
+    browser.press(*END)
+    browser.wait_until(f"{target}.x[0] !== {at_start}")
+    assert browser.complaints() == []
+
+
+def test_play_runs_through_the_flight_and_pauses(browser, report):
+    opened(browser, report)
+    browser.evaluate("document.getElementById('pace').value = '20'")
+    browser.evaluate("document.getElementById('play').click()")
+    browser.wait_until("parseFloat(document.getElementById('at-time').textContent) > 16")  # across the gap at 14 s
+    browser.wait_until("document.getElementById('at-time').textContent === '29.00 s'")
+    assert browser.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
+
+
+def test_selections_redraw_and_keep_the_point_of_view(browser, report):
+    opened(browser, report)
+    browser.evaluate("document.querySelector('[data-view=above]').click()")
+    choose(browser, "colour", "sigma")
+    scene = "document.getElementById('scene').layout"
+    browser.wait_until(f"{scene}.coloraxis.colorbar.title.text.startsWith('posterior deviation')")
+    assert browser.evaluate(f"{scene}.scene.camera.eye.z") == 2
+    before = browser.evaluate("document.getElementById('errors-time').data[0].y[0]")
+    choose(browser, "camera", "1")
+    browser.wait_until(f"document.getElementById('errors-time').data[0].y[0] !== {before}")
+    assert browser.complaints() == []
+
+
+def test_figures_follow_the_colour_scheme(browser, report):
+    opened(browser, report)
+    colour = "document.getElementById('timeline').layout.template.layout.font.color"
+    assert browser.evaluate(colour) == "#16202a"
+    browser.emulate(1280, 900, scheme="dark")
+    browser.wait_until(f"{colour} === '#e6eaf0'")
+    assert browser.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(17, 21, 26)"
+    assert browser.complaints() == []
+
+
+def test_phone_shows_the_page_without_sideways_scrolling(browser, report):
+    opened(browser, report, width=390, height=844, phone=True)
+    assert browser.evaluate("document.documentElement.scrollWidth") == 390
+    assert browser.evaluate("document.getElementById('scene').clientWidth") <= 390
+    assert browser.evaluate("document.getElementById('timeline').layout.dragmode") is False
+    assert browser.complaints() == []
+
+
+def test_without_webgl_the_flight_is_drawn_from_above(report):
+    with chromium.browser("--disable-3d-apis") as browser:
+        opened(browser, report)
+        assert browser.evaluate("document.getElementById('scene').data.every((trace) => trace.type === 'scatter')")
+        assert "no WebGL" in text(browser, "scene-caption")
+        browser.evaluate("document.getElementById('moment').focus()")
+        browser.press(*END)
+        assert text(browser, "at-time") == "29.00 s"
+        assert browser.complaints() == []

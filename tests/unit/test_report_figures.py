@@ -1,0 +1,159 @@
+"""The figures say what the reconstruction says, in JSON that plotly accepts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from report_scene import make_reconstruction
+from skytrace.model.reconstruction import Reconstruction, Residuals
+from skytrace.model.trajectory import Trajectory
+from skytrace.report import figures, theme
+from skytrace.report.picture import picture_from_world
+from skytrace.report.residual_figures import arrow_magnification, residual_figures
+from skytrace.report.samples import MAX_RESIDUALS, path_samples
+
+
+def scene_of(reconstruction, truth=None):
+    path = path_samples(reconstruction)
+    return figures.scene_figure(reconstruction, path, picture_from_world(reconstruction), "units", truth)
+
+
+def without_residuals(reconstruction: Reconstruction) -> Reconstruction:
+    none = Residuals(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool))
+    cameras = {camera_id: replace(camera, residuals=none) for camera_id, camera in reconstruction.cameras.items()}
+    return Reconstruction(reconstruction.reference, cameras, Trajectory(()))
+
+
+def coloured(value):
+    """The value with a colour for every "$name", which must exist in both schemes."""
+    if isinstance(value, str) and value.startswith("$"):
+        return {scheme: colours[value[1:]] for scheme, colours in theme.SCHEMES.items()}["dark"]
+    if isinstance(value, dict):
+        return {key: coloured(item) for key, item in value.items()}
+    return [coloured(item) for item in value] if isinstance(value, list) else value
+
+
+@given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=20), st.floats(1e-6, 100))
+def test_rounded_numbers_stay_within_the_step(values, step):
+    rounded = figures.numbers(values, step)
+    assert np.abs(np.array(rounded) - values).max() <= 0.5 * max(step, 1e-9) + 1e-9
+    assert figures.numbers([np.nan, np.inf], step) == [None, None]
+
+
+def test_significant_numbers():
+    assert figures.significant([1.23456e-9, 123456.0, np.nan], 3) == [1.23e-9, 123000.0, None]
+
+
+def test_path_breaks_between_segments_only():
+    path = path_samples(make_reconstruction(n_segments=3))
+    columns = figures.path_columns(path)
+    for column in columns.values():
+        assert len(column) == len(path.time_s) + 2
+    gaps = [row for row, time in enumerate(columns["time"]) if time is None]
+    assert len(gaps) == 2
+    assert [columns["segment"][row - 1] for row in gaps] == [1, 2]
+    assert [columns["segment"][row + 1] for row in gaps] == [2, 3]
+
+
+def test_colour_choices_leave_out_an_unknown_deviation():
+    keys = {
+        known: [choice["key"] for choice in figures.colour_choices(path_samples(reconstruction), "m")]
+        for known, reconstruction in ((True, make_reconstruction()), (False, make_reconstruction(with_sigma=False)))
+    }
+    assert keys == {True: ["time", "speed", "sigma", "cameras"], False: ["time", "speed", "cameras"]}
+    for choice in figures.colour_choices(path_samples(make_reconstruction()), "m"):
+        assert choice["min"] < choice["max"]
+
+
+def test_scene_shows_the_path_the_cameras_and_the_truth_in_the_frame_of_the_picture():
+    reconstruction = make_reconstruction(["left", "right", "a <b>"])
+    path, picture = path_samples(reconstruction), picture_from_world(reconstruction)
+    truth = path.position + 0.01
+    traces = {trace["name"]: trace for trace in scene_of(reconstruction, truth)["data"]}
+    assert {"left", "right", "a ‹b›", "trajectory", "truth"} <= set(traces)
+    assert traces["cameras"]["text"] == ["left", "right", "a ‹b›"]
+    for k, camera in enumerate(reconstruction.cameras.values()):
+        shown = [traces["cameras"][axis][k] for axis in "xyz"]
+        np.testing.assert_allclose(shown, picture.apply(camera.camera_from_world.centre), atol=1e-4)
+    line = np.array([[v for v in traces["trajectory"][axis] if v is not None] for axis in "xyz"]).T
+    np.testing.assert_allclose(line, picture.apply(path.position), atol=1e-4)
+    np.testing.assert_allclose(traces["truth"]["z"], picture.apply(truth)[:, 2], atol=1e-4)
+
+
+def test_timeline_shows_each_camera_and_what_is_covered():
+    reconstruction = make_reconstruction()
+    figure = figures.timeline_figure(reconstruction, path_samples(reconstruction), "units")
+    traces = {trace.get("name"): trace for trace in figure["data"]}
+    covered = [v for v in traces["covered"]["x"] if v is not None]
+    assert covered == [time for s in reconstruction.trajectory.segments for time in (s.begin_s, s.end_s)]
+    assert list(traces)[:5] == ["covered", *reconstruction.cameras] == figure["layout"]["yaxis"]["categoryarray"]
+    first, last = figures.time_range_s(reconstruction)
+    assert first < 0 < 29 < last
+
+
+@pytest.mark.parametrize("degenerate", [False, True])
+def test_plotly_accepts_every_figure(degenerate):
+    import plotly.graph_objects as go
+
+    reconstruction = make_reconstruction(with_sigma=not degenerate)
+    if degenerate:
+        reconstruction = without_residuals(reconstruction)
+    shown = [scene_of(reconstruction), figures.timeline_figure(reconstruction, path_samples(reconstruction), "units")]
+    for camera in reconstruction.cameras.values():
+        shown += residual_figures(camera, theme.camera_colour(0), figures.time_range_s(reconstruction)).values()
+    for figure in shown:
+        json.dumps(figure, allow_nan=False)
+        assert go.Figure(coloured(figure)).to_dict()["data"] is not None
+    for scheme in theme.themes().values():
+        go.Figure(layout={"template": scheme["template"], "coloraxis": {"colorscale": scheme["scale"]}})
+
+
+def test_residuals_are_thinned_and_keep_agreeing_and_contradicting_apart():
+    camera = make_reconstruction(["a", "b"], duration_s=120.0).cameras["a"]
+    shown = residual_figures(camera, "#123456", [0, 1])
+    agreeing, aside, median = shown["time"]["data"]
+    assert len(agreeing["x"]) + len(aside["x"]) == MAX_RESIDUALS
+    assert np.median(aside["y"]) > 5 > np.median(agreeing["y"])
+    assert len(shown["image"]["data"][0]["x"]) == len(agreeing["x"])
+    assert 0.3 < np.nanmedian(np.array(median["y"], float)) < 1.0
+
+
+def test_tiny_residuals_of_a_noise_free_run_keep_their_digits():
+    camera = make_reconstruction(["a", "b"]).cameras["a"]
+    tiny = replace(camera.residuals, error_px=camera.residuals.error_px * 1e-7)
+    shown = residual_figures(replace(camera, residuals=tiny, sigma_px=5e-8), "#123456", [0, 1])
+    assert 1e-8 < np.median(shown["time"]["data"][0]["y"]) < 1e-7
+    assert 0 < max(shown["histogram"]["data"][0]["x"]) < 1e-6
+
+
+@given(st.floats(1e-4, 1e3), st.floats(200, 8000))
+def test_arrows_are_magnified_by_a_round_factor_to_a_readable_length(longest_px, width_px):
+    factor = arrow_magnification(np.array([[longest_px, 0.0]]), width_px)
+    assert str(factor).rstrip("0") in {"1", "2", "5"}
+    if factor > 1:
+        assert width_px / 8 / 2.6 <= factor * longest_px <= width_px / 8 * (1 + 1e-9)
+
+
+def luminance(colour: str) -> float:
+    channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(a: str, b: str) -> float:
+    low, high = sorted((luminance(a), luminance(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_colours_can_be_told_from_the_background(scheme):
+    colours = theme.SCHEMES[scheme]
+    assert min(contrast(colour, colours["card"]) for colour in theme.CAMERA_COLOURS) >= 3.0
+    assert min(contrast(colours[name], colours["card"]) for name in ("ink", "muted", "accent")) >= 4.5
+    assert min(contrast(stop, colours["card"]) for _, stop in theme.themes()[scheme]["scale"]) >= 2.4

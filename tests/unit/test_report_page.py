@@ -1,0 +1,217 @@
+"""The page is one well-formed file that holds everything, escapes everything and asks for nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from report_scene import make_reconstruction, make_summary
+from skytrace.report import render_report
+
+VOID = {"meta", "link", "input", "br"}
+EXTRAS = {"versions": {"skytrace": "1.2.3"}, "settings": {"adjust": {"loss_scale": 2.0, "focal": True}}}
+
+
+class Page(HTMLParser):
+    """What a browser would find: elements with their attributes, and the text inside each kind of element."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text: dict[str, str] = {}
+        self.feed(html)
+        self.close()
+        assert not self.open, f"never closed: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        for tag in set(self.open):
+            self.text[tag] = self.text.get(tag, "") + data
+
+    def values(self, attribute: str) -> list[str]:
+        return [attrs[attribute] or "" for _, attrs in self.elements if attribute in attrs]
+
+
+def data_of(html: str):
+    text = re.search(r'<script type="application/json" id="report-data">(.*?)</script>', html, re.DOTALL)
+    assert text is not None
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text[1], parse_constant=refuse)
+
+
+@pytest.fixture(scope="module")
+def reconstruction():
+    return make_reconstruction(["north", "south", "east"], unregistered={"west": "it never saw the target move"})
+
+
+@pytest.fixture(scope="module")
+def html(reconstruction):
+    return render_report(reconstruction, make_summary(reconstruction), name="Evening flight", **EXTRAS)
+
+
+@pytest.fixture(scope="module")
+def page(html):
+    return Page(html)
+
+
+def test_page_holds_name_summary_warnings_cameras_settings_and_versions(page):
+    assert page.text["h1"] == "Evening flight"
+    assert "Evening flight" in page.text["title"]
+    main = page.text["main"]
+    for text in (
+        "3 of 4 cameras",
+        "The focal length of cam1 moved by 2.4 %",
+        "it never saw the target move",
+        "arbitrary unit",
+        "isolated jump",
+        "adjust.loss_scale",
+        "1.2.3",
+        "readout.cam1",
+        "from its prior alone",
+        "north – south",
+        "−12.5",
+        "−12.5000 ± 0.0012",
+        "1510.0 × 1512.0",
+        "calibrated 1500.0 × 1500.0",
+        "+0.67, +0.80 %",
+        "0.60 of a frame",
+        "30.0000 Hz, given 29.9700",
+    ):
+        assert text in main, text
+    for camera_id in ("north", "south", "east", "west"):
+        assert camera_id in page.text["th"]
+
+
+def test_dropped_detections_are_counted_by_reason(html, page):
+    rows = re.findall(r"<tr>(.*?)</tr>", html[html.index("What was dropped") :], re.DOTALL)
+    cells = [re.sub(r"<[^>]+>", " ", cell).split() for cell in re.findall(r"<td>(.*?)</td>", rows[1])]
+    assert cells[1][0] == "40"
+    assert [cell[0] for cell in cells[2:4]] == ["31", "9"]
+    assert "outside image" not in page.text["main"]  # no camera lost any for this reason
+
+
+def test_script_data_is_json_and_holds_every_registered_camera(html, reconstruction):
+    data = data_of(html)
+    assert [camera["id"] for camera in data["cameras"]] == list(reconstruction.cameras)
+    assert data["unit"] == "units"
+    assert {"time", "x", "y", "z", "speed", "sigma", "cameras", "segment"} == set(data["path"])
+
+
+def test_references_within_the_page_resolve(page):
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    for attribute in ("aria-labelledby", "for"):
+        assert set(page.values(attribute)) <= set(ids)
+    controls = [attrs["id"] for tag, attrs in page.elements if tag in ("select", "input") and "id" in attrs]
+    assert {"colour", "camera", "moment"} <= set(controls)
+    script = page.text["script"]
+    for name in re.findall(r"byId\('([\w-]+)'\)", script[script.rindex("report-data") :]):
+        assert name in ids, name
+
+
+def test_every_control_has_a_name(html):
+    body = html[: html.index('<script type="application/json"')]
+    for control in re.findall(r"<(?:select|input)\b[^>]*>", body):
+        before = body[: body.index(control)]
+        assert before.rindex("<label") > before.rfind("</label>"), control
+
+
+def test_page_asks_for_nothing_outside(page):
+    for attribute in ("src", "href", "action", "data", "poster"):
+        for value in page.values(attribute):
+            assert value.startswith(("#", "data:")), value
+    assert "url(" not in page.text["style"]
+    assert "@import" not in page.text["style"]
+    policy = next(a["content"] for _, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+
+
+def test_names_and_texts_from_outside_are_escaped():
+    nasty = '<img src=x onerror=alert(1)>"&</script><!--'
+    reconstruction = make_reconstruction([nasty, "b"], unregistered={"<i>c</i>": nasty})
+    summary = {**make_summary(reconstruction), "warnings": [nasty], "observability": {nasty: nasty}}
+    extras = {"versions": {nasty: nasty}, "settings": {nasty: [nasty]}}
+    html = render_report(reconstruction, summary, name=nasty, **extras)
+    page = Page(html)
+    assert page.text["h1"] == nasty
+    assert nasty in page.text["li"]
+    assert nasty in page.text["option"]
+    assert not {"img", "i"} & {tag for tag, _ in page.elements}
+    assert data_of(html)["cameras"][0]["id"] == nasty
+
+
+def test_page_is_the_same_for_the_same_input(html, reconstruction):
+    assert render_report(reconstruction, make_summary(reconstruction), name="Evening flight", **EXTRAS) == html
+
+
+def test_empty_summary_leaves_its_sections_out(reconstruction):
+    page = Page(render_report(reconstruction, {}, name="bare", versions={}, settings={}))
+    for absent in ("warning", "What was dropped", "Synchronisation", "Computing time", "Settings", "Versions"):
+        assert absent not in page.text["main"]
+    assert "it never saw the target move" in page.text["main"]
+
+
+def test_partial_and_unknown_entries_of_the_summary_do_no_harm(reconstruction):
+    summary = {
+        "cameras": {"north": {}, "elsewhere": {"reason": "no file"}},
+        "synchronisation": {
+            "pairs": [{"camera0": "north", "camera1": "south", "score": None}],
+            "disagreement_s": np.array([0.002]),
+        },
+        "timings_s": {},
+        "warnings": [],
+        "something_new": {"a": 1},
+    }
+    main = Page(render_report(reconstruction, summary, name="odd", versions={}, settings={"a": np.float64(0.5)})).text[
+        "main"
+    ]
+    assert "no file" in main
+    assert "3 of 5 cameras" in main
+    assert "north – south" in main
+
+
+def test_truth_is_drawn_where_it_is_known(reconstruction):
+    truth = np.array([[0.0, 0.0, 1.0], [np.nan] * 3, [0.0, 0.0, 2.0]])
+    html = render_report(reconstruction, {}, name="true", truth_in_world=truth, versions={}, settings={})
+    trace = next(t for t in data_of(html)["scene"]["data"] if t["name"] == "truth")
+    assert [v is None for v in trace["x"]] == [False, True, False]
+    assert "true path" in html
+    with pytest.raises(ValueError, match=r"truth_in_world: expected shape \(n, 3\), got \(3,\)"):
+        render_report(reconstruction, {}, name="bad", truth_in_world=np.zeros(3), versions={}, settings={})
+
+
+def test_metric_gauge_speaks_of_metres():
+    html = render_report(make_reconstruction(gauge="metric"), {}, name="metric", versions={}, settings={})
+    data = data_of(html)
+    assert data["unit"] == "m"
+    assert "in metres" in html
+    assert data["scene"]["layout"]["scene"]["zaxis"]["title"]["text"] == "up [m]"
+
+
+def test_ten_minutes_of_seven_cameras_fit_into_eight_megabytes():
+    reconstruction = make_reconstruction(
+        [f"camera-{i}" for i in range(7)], duration_s=600.0, frame_rate_hz=60.0, n_segments=20
+    )
+    truth = np.zeros((30_000, 3))
+    html = render_report(
+        reconstruction, make_summary(reconstruction), name="long", truth_in_world=truth, versions={}, settings={}
+    )
+    assert 4e6 < len(html.encode()) < 8e6
+    path = data_of(html)["path"]["time"]
+    assert 4000 < len(path) <= 6000 + 20
