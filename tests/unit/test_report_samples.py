@@ -57,6 +57,13 @@ def test_sight_intervals_support_the_times_that_the_run_folder_counts(seen_s, as
     np.testing.assert_array_equal(inside.any(axis=1), supporting_cameras(alone, asked_s) == 1)
 
 
+def test_sight_intervals_bridge_half_a_second():
+    whole = make_reconstruction(["cam0", "cam1"], duration_s=4.0)
+    residuals = make_residuals(np.array([0.0, 0.4, 0.8, 1.4, 5.0]), np.zeros((5, 2)), np.array([1, 1, 1, 1, 0], bool))
+    intervals = samples.sight_intervals(replace(whole.cameras["cam0"], residuals=residuals))
+    np.testing.assert_array_equal(intervals, [[0.0, 0.8], [1.4, 1.4]])
+
+
 @given(st.integers(0, 500), st.integers(2, 100))
 def test_thin_spreads_evenly_over_all(n, most):
     index = samples.thin(n, most)

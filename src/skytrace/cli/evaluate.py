@@ -60,11 +60,10 @@ def evaluate_run(
         c: Clock(row["clock"]["offset_s"], row["clock"]["period_s"], row["clock"]["readout_s"])
         for c, row in cameras.items()
     }
-    path = SampledPath(run.time_s, run.position, run.velocity, run.segment, run.n_cameras, run.sigma)
     true_path = None if truth is None else read_truth_trajectory(truth).position_m
     try:
         return evaluate(
-            path,
+            SampledPath(run.time_s, run.position, run.velocity, run.segment, run.n_cameras, run.sigma),
             truth=true_path,
             rate_hz=rate_hz,
             centres={c: row["centre"] for c, row in cameras.items()},

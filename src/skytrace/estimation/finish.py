@@ -35,7 +35,8 @@ def finish(
     With `retriangulate` the trajectory is first built anew from the refined lenses and clocks, which reaches where the
     calibrated ones did not agree.
     """
-    scene = adjusted.scene
+    # The gauge is the first camera listed, so that results do not depend on how the growth went.
+    scene = replace(adjusted.scene, reference=next(c for c in recordings if c in adjusted.scene.cameras))
     if len(scene.cameras) < settings.min_cameras_for_lens:
         freedom = replace(freedom, focal=False, lens=False)
     if retriangulate:

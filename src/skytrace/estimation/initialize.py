@@ -24,7 +24,7 @@ class InitialSettings:
     threshold: float = 0.005  # Sampson error on the plane z = 1
     refine_thresholds: tuple[float, ...] = (0.006, 0.003)
     good_angle_rad: float = 0.35  # parallax beyond which more is no better
-    min_angle_rad: float = 0.035
+    min_angle_rad: float = 0.09  # median parallax of the best pair: below, depth is a guess
     min_support_s: float = 8.0
     min_extent: float = 0.02  # second-largest over largest extent of the flight: below, it is a straight line
     min_image_extent: float = 0.01  # of the image motion on the plane z = 1: below, the target hovers

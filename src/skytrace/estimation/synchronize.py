@@ -67,8 +67,8 @@ def synchronize(
     """Synchronise cameras given where each saw the target in its own time.
 
     `hints_s` are rough offsets, camera time 0 on a common clock: further candidates, believed only if the tracks agree.
-    A camera that cannot be tied to the others at its nominal frame rate is tried at different ones. Raises ReconstructionError where no
-    pair of cameras can be tied together.
+    A camera that cannot be tied to the others at its nominal frame rate is tried at different ones. Raises
+    ReconstructionError where no pair of cameras can be tied together.
     """
     search = _Search(dict(paths), settings, rng, hints_s or {})
     couples = list(combinations(paths, 2))

@@ -112,9 +112,9 @@ class Trajectory:
         """Times (n,) at multiples of 1 / rate_hz inside the covered segments, their ends included."""
         times = []
         for s in self.segments:
-            first, last = np.ceil(s.begin_s * rate_hz - 1e-9), np.floor(s.end_s * rate_hz + 1e-9)
-            inner = np.clip(np.arange(first, last + 1) / rate_hz, s.begin_s, s.end_s)
-            times.append(np.unique(np.concatenate([[s.begin_s], inner, [s.end_s]])))
+            # A millionth of a step inside the ends, so that no two samples coincide once they are written.
+            first, last = np.ceil(s.begin_s * rate_hz + 1e-6), np.floor(s.end_s * rate_hz - 1e-6)
+            times.append(np.concatenate([[s.begin_s], np.arange(first, last + 1) / rate_hz, [s.end_s]]))
         return np.concatenate(times) if times else np.zeros(0)
 
     def transformed(self, b_from_world: Similarity) -> Trajectory:

@@ -8,6 +8,7 @@ import numpy as np
 
 from skytrace.estimation.adjust.driver import Adjusted, mean_camera_time_s
 from skytrace.estimation.coverage import CoverageSettings, covered_trajectory, inliers, support
+from skytrace.estimation.gauge import in_reference_gauge
 from skytrace.estimation.posterior import Posterior, posterior
 from skytrace.geometry.arrays import FloatArray
 from skytrace.model.reconstruction import CameraEstimate, ClockDeviation, Reconstruction, Residuals
@@ -29,7 +30,9 @@ def assemble(
     trajectory = covered_trajectory(
         adjusted.problem.grid, adjusted.state.control, deviations.knot_sigma, inlier_times_s, coverage
     )
-    return Reconstruction(adjusted.scene.reference, cameras, trajectory, "arbitrary", unregistered), deviations
+    reference = adjusted.scene.reference
+    own = Reconstruction(reference, cameras, trajectory, "arbitrary", unregistered)
+    return in_reference_gauge(own, 1 / recordings[reference].frame_rate_hz), deviations
 
 
 def _deviations(adjusted: Adjusted, recordings: Mapping[str, Recording], coverage: CoverageSettings) -> Posterior:

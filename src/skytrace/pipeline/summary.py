@@ -18,6 +18,7 @@ _DETERMINED, _PARTLY = 0.3, 0.8  # posterior deviation over prior deviation
 _ODD_RATE = 5e-3
 _ODD_PRIORS = 3.0
 _UNEVEN_PX = 3.0
+_WEAK = 2e-3
 
 
 def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, float]) -> dict[str, Any]:
@@ -30,7 +31,7 @@ def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, floa
         "reference": reconstruction.reference,
         "covered_s": reconstruction.trajectory.covered_s,
         "segments": [{"begin_s": s.begin_s, "end_s": s.end_s} for s in segments],
-        "sigma_median": _median_sigma(reconstruction),
+        **_accuracy(reconstruction),
         "cameras": _cameras(outcome, prepared),
         "synchronisation": {
             "pairs": [
@@ -58,9 +59,12 @@ def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, floa
     }
 
 
-def _median_sigma(reconstruction: Reconstruction) -> float:
-    sigma = reconstruction.trajectory.sigma(reconstruction.trajectory.sample_times(5.0))
-    return float(np.median(sigma))
+def _accuracy(reconstruction: Reconstruction) -> dict[str, float]:
+    """Median posterior deviation and the flight's extent (diagonal of the box around 96 % of it), in world units."""
+    times = reconstruction.trajectory.sample_times(5.0)
+    low, high = np.percentile(reconstruction.trajectory.position(times), [2, 98], axis=0)
+    sigma = reconstruction.trajectory.sigma(times)
+    return {"sigma_median": float(np.median(sigma)), "extent": float(np.linalg.norm(high - low))}
 
 
 def _cameras(outcome: Outcome, prepared: Prepared) -> dict[str, Any]:
@@ -132,8 +136,8 @@ def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, 
     given = {r.camera_id: r.frame_rate_hz for r in prepared.recordings}
     for camera_id, wander in outcome.wander.items():
         out.append(
-            f"Camera {camera_id}'s frames are not evenly spaced: its clock wanders by {1e3 * wander.rms_s:.0f} ms (rms), "
-            "which was estimated; per-frame time stamps would be better."
+            f"Camera {camera_id}'s frames are not evenly spaced: its clock wanders by {1e3 * wander.rms_s:.0f} ms "
+            "(rms), which was estimated; per-frame time stamps would be better."
         )
     for camera_id, camera in reconstruction.cameras.items():
         found = 1 / camera.clock.period_s
@@ -155,6 +159,13 @@ def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, 
             )
     if not outcome.adjusted.converged:
         out.append("The adjustment had not settled when it was stopped; the last steps changed little.")
+    accuracy = _accuracy(reconstruction)
+    if accuracy["sigma_median"] > _WEAK * accuracy["extent"]:
+        share = 100 * accuracy["sigma_median"] / accuracy["extent"]
+        out.append(
+            f"The cameras' geometry is weak: positions are uncertain by {share:.2f} % of the flight's extent, slowly "
+            "varying along the track. A further camera that sees the flight from another side would help most."
+        )
     if len(reconstruction.cameras) == 2:
         out.append("Only two cameras: lenses are kept as calibrated, and errors along the line of sight stay large.")
     return out

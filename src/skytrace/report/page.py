@@ -28,7 +28,7 @@ from skytrace.report.figures import (
 from skytrace.report.picture import picture_from_world
 from skytrace.report.residual_figures import residual_figures
 from skytrace.report.samples import MAX_RESIDUALS, PathSamples, path_samples, sight_intervals
-from skytrace.report.tables import camera_ids, camera_table, definitions, dropped_table, pair_table
+from skytrace.report.tables import camera_ids, camera_table, definitions, dropped_table, observability_table, pair_table
 from skytrace.report.theme import camera_colour, themes
 from skytrace.report.words import (
     NO_BREAK,
@@ -188,8 +188,9 @@ def _details(summary: Mapping[str, Any], settings: Mapping[str, Any], versions: 
     synchronisation = summary.get("synchronisation") or {}
     timings = {f"{stage} [s]": value for stage, value in (summary.get("timings_s") or {}).items()}
     parts = [
-        ("What the data determine", definitions(summary.get("observability") or {})),
+        ("What the data determine", observability_table(summary.get("observability") or {})),
         ("Synchronisation", pair_table(synchronisation)),
+        ("Adjustment", definitions(summary.get("adjustment") or {})),
         ("Computing time", definitions(timings)),
         ("Settings", definitions(settings)),
         ("Versions", definitions(versions)),

@@ -156,6 +156,37 @@ def _number_or_blank(value: Any, digits: int = 3) -> str:
     return cell(number(value, digits)) if _finite(value) else ""
 
 
+def observability_table(observability: Mapping[str, Any]) -> str:
+    """What determined each parameter of each camera, with its value and deviation; empty without any.
+
+    Entries that are not verdicts by camera and parameter follow as a list.
+    """
+    by_camera = {c: verdicts for c, verdicts in observability.items() if _are_verdicts(verdicts)}
+    rest = definitions({key: value for key, value in observability.items() if key not in by_camera})
+    if not by_camera:
+        return rest
+    parameters = dict.fromkeys(parameter for verdicts in by_camera.values() for parameter in verdicts)
+    rows = [
+        (cell(parameter.replace("_", " ")), [_verdict(verdicts.get(parameter)) for verdicts in by_camera.values()])
+        for parameter in parameters
+    ]
+    return table("What determined each parameter", ["parameter", *by_camera], rows) + rest
+
+
+def _are_verdicts(verdicts: Any) -> bool:
+    return isinstance(verdicts, Mapping) and all(
+        isinstance(v, Mapping) and "determined" in v for v in verdicts.values()
+    )
+
+
+def _verdict(verdict: Mapping[str, Any] | None) -> str:
+    if verdict is None:
+        return ""
+    value, deviation = verdict.get("value"), verdict.get("posterior_sd")
+    note = with_deviation(value, deviation) if _finite(value) and _finite(deviation) else ""
+    return cell(str(verdict["determined"]), note)
+
+
 def definitions(values: Mapping[str, Any]) -> str:
     """Nested values as a flat list of dotted names and their values; empty without any."""
     pairs = "".join(
