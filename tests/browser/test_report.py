@@ -7,8 +7,8 @@ from pathlib import Path
 import chromium
 import numpy as np
 import pytest
-
 from report_scene import make_reconstruction, make_summary
+
 from skytrace.report import render_report
 
 pytestmark = pytest.mark.skipif(chromium.EXECUTABLE is None, reason="no Chromium is installed")
@@ -37,9 +37,10 @@ def report(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def browser():
+def browser(report):
+    """A desktop's browser that has drawn the report; the tests share it, each sets what it relies on."""
     with chromium.browser() as running:
-        yield running
+        yield opened(running, report)
 
 
 def text(browser, element: str) -> str:
@@ -59,7 +60,6 @@ def opened(browser, report, **emulation):
 
 
 def test_draws_every_figure_without_errors_or_requests(browser, report):
-    opened(browser, report)
     for element in ("scene", "timeline", "errors-time", "errors-histogram", "errors-image"):
         assert browser.evaluate(f"document.getElementById('{element}').data.length") >= 2
         assert browser.evaluate(f"document.getElementById('{element}').querySelector('svg.main-svg') !== null")
@@ -70,9 +70,9 @@ def test_draws_every_figure_without_errors_or_requests(browser, report):
     assert browser.requests() == [report.as_uri()]
 
 
-def test_slider_moves_the_target_by_keyboard_and_tells_what_is_there(browser, report):
-    opened(browser, report)
+def test_slider_moves_the_target_by_keyboard_and_tells_what_is_there(browser):
     browser.evaluate("document.getElementById('moment').focus()")
+    browser.press(*HOME)
     assert text(browser, "at-time") == "0.00 s"
     browser.press(*RIGHT)
     assert text(browser, "at-time") == "0.04 s"
@@ -91,16 +91,14 @@ def test_slider_moves_the_target_by_keyboard_and_tells_what_is_there(browser, re
     assert browser.complaints() == []
 
 
-def test_play_runs_through_the_flight_and_pauses(browser, report):
-    opened(browser, report)
+def test_play_runs_through_the_flight_and_pauses(browser):
     browser.evaluate("document.getElementById('pace').value = '20'")
     browser.evaluate("document.getElementById('play').click()")
     browser.wait_until("document.getElementById('at-time').textContent === '28.00 s'")
     assert browser.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
 
 
-def test_play_skips_what_is_not_covered(browser, report):
-    opened(browser, report)
+def test_play_skips_what_is_not_covered(browser):
     slider = "document.getElementById('moment')"
     browser.evaluate(f"{slider}.value = 200, {slider}.dispatchEvent(new Event('input'))")
     assert text(browser, "at-time") == "8.00 s"
@@ -112,35 +110,36 @@ def test_play_skips_what_is_not_covered(browser, report):
     assert browser.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
 
 
-def test_selections_redraw_and_keep_the_point_of_view(browser, report):
-    opened(browser, report)
+def test_selections_redraw_and_keep_the_point_of_view(browser):
     browser.evaluate("document.querySelector('[data-view=above]').click()")
     choose(browser, "colour", "sigma")
     scene = "document.getElementById('scene').layout"
     browser.wait_until(f"{scene}.coloraxis.colorbar.title.text.startsWith('posterior deviation')")
     assert browser.evaluate(f"{scene}.scene.camera.eye.z") == 2
+    choose(browser, "camera", "0")
     before = browser.evaluate("document.getElementById('errors-time').data[0].y[0]")
     choose(browser, "camera", "1")
     browser.wait_until(f"document.getElementById('errors-time').data[0].y[0] !== {before}")
     assert browser.complaints() == []
 
 
-def test_figures_follow_the_colour_scheme(browser, report):
-    opened(browser, report)
+def test_figures_follow_the_colour_scheme(browser):
     colour = "document.getElementById('timeline').layout.template.layout.font.color"
-    assert browser.evaluate(colour) == "#16202a"
+    browser.emulate(1280, 900, scheme="light")
+    browser.wait_until(f"{colour} === '#16202a'")
     browser.emulate(1280, 900, scheme="dark")
     browser.wait_until(f"{colour} === '#e6eaf0'")
     assert browser.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(17, 21, 26)"
     assert browser.complaints() == []
 
 
-def test_phone_shows_the_page_without_sideways_scrolling(browser, report):
-    opened(browser, report, width=390, height=844, phone=True)
-    assert browser.evaluate("document.documentElement.scrollWidth") == 390
-    assert browser.evaluate("document.getElementById('scene').clientWidth") <= 390
-    assert browser.evaluate("document.getElementById('timeline').layout.dragmode") is False
-    assert browser.complaints() == []
+def test_phone_shows_the_page_without_sideways_scrolling(report):
+    with chromium.browser() as browser:
+        opened(browser, report, width=390, height=844, phone=True)
+        assert browser.evaluate("document.documentElement.scrollWidth") == 390
+        assert browser.evaluate("document.getElementById('scene').clientWidth") <= 390
+        assert browser.evaluate("document.getElementById('timeline').layout.dragmode") is False
+        assert browser.complaints() == []
 
 
 def test_without_webgl_the_flight_is_drawn_from_above(report):

@@ -61,7 +61,8 @@ def write_real_flight(
     surveyed = root / dataset / "camera-locations" / "campos.txt"
     if surveyed.is_file():
         lines.append('positions = "positions.csv"')
-        rows = [",".join([c, *row.split()]) for c, row in zip(POSITION_ROWS, surveyed.read_text().splitlines(), strict=True)]
+        centres = [row.split() for row in surveyed.read_text().splitlines()]
+        rows = [",".join([c, *xyz]) for c, xyz in zip(POSITION_ROWS, centres, strict=True)]
         (folder / "positions.csv").write_text("\n".join(["camera,x,y,z", *rows]) + "\n")
     path = folder / "flight.toml"
     path.write_text("\n".join(lines) + "\n")

@@ -139,6 +139,16 @@ def run(
     yield Stage("cover", 1, 1, Outcome(reconstruction, adjusted, deviations, synchronisation, wander))
 
 
+def outcome(stages: Iterator[Stage]) -> Outcome:
+    """Run a stream of `run` to its end."""
+    product = None
+    for stage in stages:
+        product = stage.product
+    if not isinstance(product, Outcome):
+        raise ValueError("stages: expected a stream that ends in an Outcome")
+    return product
+
+
 def correct_frame_rates(
     recordings: Mapping[str, Recording], clocks: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, Recording], dict[str, tuple[float, float]]]:

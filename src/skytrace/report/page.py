@@ -62,8 +62,8 @@ def render_report(
     from plotly.offline import get_plotlyjs
 
     path, unit = path_samples(reconstruction), unit_of(reconstruction)
-    choices = colour_choices(path, unit)
-    sentences = summary_sentences(reconstruction, len(camera_ids(reconstruction, summary)))
+    ids, choices = camera_ids(reconstruction, summary), colour_choices(path, unit)
+    sentences = summary_sentences(reconstruction, len(ids))
     return Template(_resource("page.html")).substitute(
         title=escape(name),
         css=_resource("page.css"),
@@ -74,13 +74,13 @@ def render_report(
         warnings=_warnings(summary),
         summary=escape(" ".join(sentences)),
         frame=escape(" ".join(frame_sentences(reconstruction))),
-        tiles=_tiles(reconstruction, summary, path, unit),
+        tiles=_tiles(reconstruction, len(ids), path, unit),
         colours=_options([choice["key"] for choice in choices], [choice["label"] for choice in choices]),
         scene_caption=_scene_caption(truth_in_world is not None),
         cameras=camera_table(reconstruction, summary, unit),
         camera_options=_options(map(str, range(len(reconstruction.cameras))), reconstruction.cameras),
         dropped=_section("dropped", "What was dropped", dropped_table(reconstruction, summary), _DROPPED),
-        details=_details(summary, settings, versions),
+        details=_details(ids, summary, settings, versions),
     )
 
 
@@ -160,8 +160,7 @@ def _warnings(summary: Mapping[str, Any]) -> str:
     )
 
 
-def _tiles(reconstruction: Reconstruction, summary: Mapping[str, Any], path: PathSamples, unit: str) -> str:
-    n_cameras = len(camera_ids(reconstruction, summary))
+def _tiles(reconstruction: Reconstruction, n_cameras: int, path: PathSamples, unit: str) -> str:
     trajectory = reconstruction.trajectory
     tiles = [
         ("cameras registered", f"{len(reconstruction.cameras)} of {n_cameras}"),
@@ -170,7 +169,8 @@ def _tiles(reconstruction: Reconstruction, summary: Mapping[str, Any], path: Pat
     ]
     sigma = path.sigma[np.isfinite(path.sigma)]
     if len(sigma):
-        extent = float(np.linalg.norm(np.ptp(path.position, axis=0)))
+        low, high = np.percentile(path.position, [2, 98], axis=0)  # as the summary measures the extent
+        extent = float(np.linalg.norm(high - low))
         share = f", {number(100 * float(np.median(sigma)) / extent, 2)}{NO_BREAK}% of the extent" if extent > 0 else ""
         tiles.append(("median posterior deviation", f"{number(float(np.median(sigma)), 2)} {unit}{share}"))
     return "".join(f"<div><dt>{escape(title)}</dt><dd>{escape(value)}</dd></div>\n" for title, value in tiles)
@@ -184,11 +184,13 @@ def _scene_caption(has_truth: bool) -> str:
     )
 
 
-def _details(summary: Mapping[str, Any], settings: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
+def _details(
+    ids: list[str], summary: Mapping[str, Any], settings: Mapping[str, Any], versions: Mapping[str, Any]
+) -> str:
     synchronisation = summary.get("synchronisation") or {}
     timings = {f"{stage} [s]": value for stage, value in (summary.get("timings_s") or {}).items()}
     parts = [
-        ("What the data determine", observability_table(summary.get("observability") or {})),
+        ("What the data determine", observability_table(summary.get("observability") or {}, ids)),
         ("Synchronisation", pair_table(synchronisation)),
         ("Adjustment", definitions(summary.get("adjustment") or {})),
         ("Computing time", definitions(timings)),

@@ -156,12 +156,12 @@ def _number_or_blank(value: Any, digits: int = 3) -> str:
     return cell(number(value, digits)) if _finite(value) else ""
 
 
-def observability_table(observability: Mapping[str, Any]) -> str:
-    """What determined each parameter of each camera, with its value and deviation; empty without any.
+def observability_table(observability: Mapping[str, Any], ids: Sequence[str]) -> str:
+    """What determined each parameter of each camera, cameras in the order of `ids`; empty without any.
 
     Entries that are not verdicts by camera and parameter follow as a list.
     """
-    by_camera = {c: verdicts for c, verdicts in observability.items() if _are_verdicts(verdicts)}
+    by_camera = {c: observability[c] for c in ids if _are_verdicts(observability.get(c))}
     rest = definitions({key: value for key, value in observability.items() if key not in by_camera})
     if not by_camera:
         return rest
@@ -183,7 +183,9 @@ def _verdict(verdict: Mapping[str, Any] | None) -> str:
     if verdict is None:
         return ""
     value, deviation = verdict.get("value"), verdict.get("posterior_sd")
-    note = with_deviation(value, deviation) if _finite(value) and _finite(deviation) else ""
+    note = ""
+    if _finite(value) and _finite(deviation):
+        note = with_deviation(value, deviation) if deviation > 0 else number(value)
     return cell(str(verdict["determined"]), note)
 
 

@@ -35,6 +35,7 @@ def with_deviation(value: float, deviation: float) -> str:
     if deviation == 0:
         return f"{number(value, 7)} (fixed)"
     decimals = min(max(1 - math.floor(math.log10(deviation)), 0), 12)
+    value = round(value, decimals) + 0.0  # no "-0.00"
     return f"{value:,.{decimals}f} {PLUS_MINUS} {deviation:,.{decimals}f}".replace("-", MINUS)
 
 
