@@ -26,9 +26,7 @@ def spread_points(count: int) -> st.SearchStrategy:
     return seeds.map(lambda seed: np.random.default_rng(seed).normal(size=(count, 3)))
 
 
-directions = (
-    vectors(1.0).filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
-)
+directions = vectors(1.0).filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
 rotations = st.builds(lambda axis, angle: so3_exp(axis * angle), directions, st.floats(0, np.pi))
 rigids = st.builds(Rigid, rotations, vectors(100.0))
 similarities = st.builds(Similarity, st.floats(0.01, 100.0), rotations, vectors(100.0))

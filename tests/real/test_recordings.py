@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from skytrace.cli.evaluate import evaluate_run
+from skytrace.datasets import DATASETS, Labels, write_dataset
 from skytrace.evaluation.summary import Evaluation
 from skytrace.io.flight import read_flight
 from skytrace.io.run_folder import RunFolder, read_run
-from tests.real.flights import DEVICES, Labels, write_real_flight
 
 pytestmark = pytest.mark.real
 
@@ -78,7 +78,7 @@ def commands(data_dir: Path, tmp_path_factory: pytest.TempPathFactory):
         key = (dataset, labels, cameras, seed)
         if key not in done:
             name = "_".join([dataset, labels, str(seed), *map(str, cameras or ())])
-            flight = write_real_flight(data_dir, dataset, labels, folder / name, cameras)
+            flight = write_dataset(dataset, labels, data_dir, folder / name, cameras)
             done[key] = reconstruct(flight, folder / f"{name}_run", "--seed", str(seed))
         return done[key]
 
@@ -86,12 +86,12 @@ def commands(data_dir: Path, tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.mark.parametrize("labels", ["auto", "manual"])
-@pytest.mark.parametrize("dataset", list(DEVICES))
+@pytest.mark.parametrize("dataset", list(DATASETS))
 def test_every_camera_is_registered_within_budget(commands, dataset: str, labels: Labels) -> None:
     done = commands(dataset, labels)
     cpu_s, peak_mib = BUDGET[dataset]
     assert all(camera["registered"] for camera in done.run.cameras.values())
-    assert len(done.run.cameras) == len(DEVICES[dataset])
+    assert len(done.run.cameras) == len(DATASETS[dataset].devices)
     assert done.cpu_s <= cpu_s
     assert done.peak_mib <= peak_mib
     for camera_id, camera in done.run.cameras.items():

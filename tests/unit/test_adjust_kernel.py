@@ -24,9 +24,7 @@ from skytrace.geometry.rigid import Rigid, so3_exp
 from skytrace.model.camera import Intrinsics
 from skytrace.solvers import bspline
 
-STRONG = np.array(
-    [[0.19, -0.76, 2e-3, -1.5e-3, 0.94], [-0.25, 0.08, -3e-3, 2e-3, 0.0], [0.08, -0.2, 1e-3, 4e-3, -0.1]]
-)
+STRONG = np.array([[0.19, -0.76, 2e-3, -1.5e-3, 0.94], [-0.25, 0.08, -3e-3, 2e-3, 0.0], [0.08, -0.2, 1e-3, 4e-3, -0.1]])
 SIZE = (1920, 1080)
 RUNS = ((-4, 8), (11, 17))
 SPACING_S = 0.25
@@ -112,7 +110,9 @@ def test_predictions_are_those_of_the_model_types(problem, state):
     for c in range(problem.n_cameras):
         fx, fy, cx, cy, *distortion = problem.calibration[c]
         pose = Rigid.from_centre(state.rotation[c], state.centre[c])
-        lens = CameraState(pose, 0.0, 1.0, 0.0, state.lens[c]).intrinsics(Intrinsics([fx, fy], [cx, cy], distortion, SIZE))
+        lens = CameraState(pose, 0.0, 1.0, 0.0, state.lens[c]).intrinsics(
+            Intrinsics([fx, fy], [cx, cy], distortion, SIZE)
+        )
         own = problem.observations.camera == c
         np.testing.assert_allclose(predicted[own], lens.project(pose.apply(points[own])), rtol=0, atol=1e-9)
     assert np.ptp(predicted, axis=0).min() > 500  # the path fills the images, where the lenses bend

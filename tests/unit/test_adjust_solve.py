@@ -6,7 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_adjust_kernel import RUNS, SPACING_S, dense_normal_equations, moved, random_problem, random_state, random_weights
+from test_adjust_kernel import (
+    RUNS,
+    SPACING_S,
+    dense_normal_equations,
+    moved,
+    random_problem,
+    random_state,
+    random_weights,
+)
 
 from skytrace.estimation.adjust import solve
 from skytrace.estimation.adjust.problem import (
@@ -297,7 +305,6 @@ def test_convergence_is_told(rng, state):
     assert again.cost == pytest.approx(patient.cost, rel=1e-5)
 
 
-@pytest.mark.xfail(strict=True, reason="running out of iterations during rejected steps counts as convergence")
 def test_running_out_of_iterations_is_no_convergence(rng, state, monkeypatch):
     problem = random_problem(rng, state, noise_px=1.0)
     start = perturbed(state, rng)
@@ -312,9 +319,10 @@ def test_running_out_of_iterations_is_no_convergence(rng, state, monkeypatch):
     assert not found.converged
 
 
-@pytest.mark.xfail(strict=True, reason="where no step can lower the cost any more, the solution is said not to converge")
 def test_starting_at_the_minimum_is_convergence(rng, state):
     problem = random_problem(rng, state)
-    found = solve.minimise(problem, state, priors_about(state), random_weights(rng), weak_motion(0.0), max_iterations=100)
+    found = solve.minimise(
+        problem, state, priors_about(state), random_weights(rng), weak_motion(0.0), max_iterations=100
+    )
     assert found.cost == 0
     assert found.converged

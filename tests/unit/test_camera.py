@@ -11,7 +11,12 @@ from skytrace.model.camera import Clock, Intrinsics
 
 
 def intrinsics(**changes):
-    given = {"focal_px": [1000.0, 900.0], "principal_px": [640.0, 360.0], "distortion": [0.0] * 5, "size_px": (1280, 720)}
+    given = {
+        "focal_px": [1000.0, 900.0],
+        "principal_px": [640.0, 360.0],
+        "distortion": [0.0] * 5,
+        "size_px": (1280, 720),
+    }
     return Intrinsics(**{**given, **changes})
 
 
@@ -21,7 +26,9 @@ def test_the_principal_point_looks_straight_ahead():
     xy, valid = camera.undistort([[1640.0, 1260.0]])
     np.testing.assert_allclose(xy, [[1, 1]])
     assert valid.all()
-    np.testing.assert_allclose(camera.project(np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])), [[1640, 1260], [np.nan] * 2])
+    np.testing.assert_allclose(
+        camera.project(np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])), [[1640, 1260], [np.nan] * 2]
+    )
     assert camera.height_px == 720
 
 

@@ -41,7 +41,9 @@ def test_a_matrix_of_zeros_gives_no_nan():
 def test_a_matrix_near_an_essential_one_decomposes_nearby(rng):
     E = essential_matrix(SIDEWAYS) + 1e-4 * rng.normal(size=(3, 3))
     candidates = decompose_essential(E)
-    assert min(np.abs(c.rotation - np.eye(3)).max() + np.abs(c.translation - [-1, 0, 0]).max() for c in candidates) < 2e-3
+    assert (
+        min(np.abs(c.rotation - np.eye(3)).max() + np.abs(c.translation - [-1, 0, 0]).max() for c in candidates) < 2e-3
+    )
     assert all(np.linalg.norm(c.translation) == pytest.approx(1) for c in candidates)
 
 

@@ -50,7 +50,11 @@ def test_a_pair_without_a_true_mode_is_overruled(rng):
 
 
 def test_evidence_counts_rather_than_the_number_of_modes(rng):
-    modes = {(0, 1): [Mode(12.3, 60.0)], (0, 2): [Mode(0.0, 4.0), Mode(-40.7, 50.0)], (1, 2): [Mode(-12.3, 4.0), Mode(-53.0, 50.0)]}
+    modes = {
+        (0, 1): [Mode(12.3, 60.0)],
+        (0, 2): [Mode(0.0, 4.0), Mode(-40.7, 50.0)],
+        (1, 2): [Mode(-12.3, 4.0), Mode(-53.0, 50.0)],
+    }
     (group,) = consistent_offsets(modes, 3, 0.4)
     assert_true(group, range(3))
 
@@ -62,6 +66,13 @@ def test_modes_agree_only_within_the_tolerance():
     # A wide tolerance lets all three pairs agree; a narrow one has to do without one of them.
     assert wide[2] - wide[0] == pytest.approx(15.5, abs=0.51)
     assert narrow[2] - narrow[0] == pytest.approx(15.0)
+
+
+def test_pairs_are_read_either_way_round():
+    """Both links lead to the last camera, so that from there one camera follows against the order of its pair."""
+    modes = {(0, 2): [Mode(-40.7, 20.0)], (1, 2): [Mode(-53.0, 30.0)]}
+    (group,) = consistent_offsets(modes, 3, 0.4)
+    assert_true(group, range(3))
 
 
 def test_groups_that_nothing_connects(rng):

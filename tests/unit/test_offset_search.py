@@ -15,9 +15,7 @@ RATE_HZ = 10.0
 def wandering(rng, n):
     """A smooth image path (n, 2) sampled at 10 Hz."""
     t = np.arange(n)[:, None] / RATE_HZ
-    return 0.1 * sum(
-        rng.normal(size=2) * np.sin(rng.uniform(0.2, 1.0, 2) * t + rng.uniform(0, 6, 2)) for _ in range(4)
-    )
+    return 0.1 * sum(rng.normal(size=2) * np.sin(rng.uniform(0.2, 1.0, 2) * t + rng.uniform(0, 6, 2)) for _ in range(4))
 
 
 @pytest.fixture

@@ -40,9 +40,7 @@ def adjusted(rng):
 
 def dense_covariance(adjusted):
     """Covariance of the free camera parameters and all control coordinates, the unit of length held."""
-    equations = solve.assemble(
-        adjusted.problem, adjusted.state, adjusted.priors, adjusted.weights, adjusted.motion
-    )
+    equations = solve.assemble(adjusted.problem, adjusted.state, adjusted.priors, adjusted.weights, adjusted.motion)
     H, _, constraint = dense_of(equations)
     scale = 1 / np.sqrt(np.diag(H))
     N = null_space((constraint * scale)[None])
@@ -214,7 +212,9 @@ def test_deviations_predict_the_errors_under_noise():
     problem = random_problem(rng, truth, per_camera=120)
     weights = Weights(np.full(3, 0.5), np.ones(3), loss_scale=100.0)
     motion_weight = 1e-8
-    claimed = posterior(adjusted_at(problem, truth, weights, motion_weight=motion_weight), np.zeros(3), np.ones(N_KNOTS, bool))
+    claimed = posterior(
+        adjusted_at(problem, truth, weights, motion_weight=motion_weight), np.zeros(3), np.ones(N_KNOTS, bool)
+    )
     P = knot_map(len(truth.control), 0)[1]
     knots, clocks, lenses = [], [], []
     priors = priors_about(truth)

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from skytrace.geometry.projection import one_to_one_radius
 from skytrace.geometry.rigid import Rigid
 from skytrace.model.camera import Clock, Intrinsics
 from skytrace.simulation.cameras import camera_centres, draw_cameras, draw_clocks, draw_lens, look_at
 from skytrace.simulation.flight import build_motion
-from skytrace.simulation.observe import observe, one_to_one_radius
+from skytrace.simulation.observe import observe
 from skytrace.simulation.scenario import Scenario
 
 

@@ -88,7 +88,13 @@ def test_another_frame_and_unit(rng):
     ],
 )
 def test_impossible_segments_are_refused(fields, message):
-    given = {"knot_start_s": 0.0, "knot_spacing_s": 0.2, "control_in_world": np.zeros((5, 3)), "begin_s": 0.0, "end_s": 0.4}
+    given = {
+        "knot_start_s": 0.0,
+        "knot_spacing_s": 0.2,
+        "control_in_world": np.zeros((5, 3)),
+        "begin_s": 0.0,
+        "end_s": 0.4,
+    }
     with pytest.raises(ValueError, match=message):
         Segment(**{**given, **fields})
     assert Segment(**given).n_intervals == 2

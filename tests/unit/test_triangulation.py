@@ -97,6 +97,20 @@ def test_the_midpoint_halves_the_gap_of_skew_rays():
     np.testing.assert_allclose(midpoint(centre, ray, np.array([[3.0, 1.0]])), [[5, 0.5, 0]], atol=1e-12)
 
 
+def test_the_point_is_the_angular_least_squares_fit_to_all_agreeing_rays(rng):
+    """Rays of near cameras bind more tightly: the weights are inverse squared distances."""
+    centre = CENTRE * [[0.3], [1.0], [2.0], [4.0]]
+    ray = rays(centre=centre) + rng.normal(0, 2e-3, (2, 4, 3))
+    ray /= np.linalg.norm(ray, axis=2, keepdims=True)
+    point = POINT
+    for _ in range(20):
+        point = midpoint(centre, ray, np.linalg.norm(point[:, None] - centre, axis=2) ** -2)
+    found = triangulate(centre, ray, 0.02, 0.03)
+    assert found.inlier.all()
+    np.testing.assert_allclose(found.point_in_world, point, rtol=0, atol=1e-4)
+    assert (np.linalg.norm(midpoint(centre, ray, np.ones((2, 4))) - point, axis=1) > 1e-2).all()
+
+
 def test_noise_is_averaged_over_all_agreeing_rays(rng):
     point = np.tile(POINT[:1], (400, 1))
     ray = rays(point) + rng.normal(0, 1e-3, (400, 4, 3))

@@ -68,6 +68,9 @@ def pair():
 
 def test_correspondences_obey_the_true_geometry(pair):
     pairs = two_view.correspond(pair.path0, pair.path1, 15.0, pair.offset_s, pair.rate)
+    t = np.arange(-5000, 5000) / 15
+    both = np.isfinite(pair.path0.evaluate(t)[:, 0] + pair.path1.evaluate(pair.offset_s + pair.rate * t)[:, 0])
+    np.testing.assert_allclose(pairs.time0_s, t[both], rtol=0, atol=1e-9)
     assert len(pairs) > 500
     np.testing.assert_allclose(pairs.time1_s, pair.offset_s + pair.rate * pairs.time0_s, rtol=0, atol=1e-12)
     np.testing.assert_allclose(pairs.time0_s * 15, np.rint(pairs.time0_s * 15), rtol=0, atol=1e-7)
@@ -134,6 +137,39 @@ def test_the_rate_prior_pulls_towards_the_nominal_rate(pair):
     assert abs(held.rate - 1) < 0.05 * abs(pair.rate - 1)
     assert free.rate == pytest.approx(pair.rate, abs=1e-7)
     assert held.rate_sigma < 2e-7
+
+
+def objective(pair, geometry, threshold, rate_prior, offset_s=0.0, rate=0.0):
+    """Half the sum of Cauchy losses plus the prior, the offset at the centre and the rate moved a little."""
+    r = geometry.rate + rate
+    o = geometry.offset_s + offset_s - rate * geometry.centre_s
+    pairs = two_view.correspond(pair.path0, pair.path1, 15.0, o, r)
+    error = sampson_error(essential_matrix(geometry.camera1_from_camera0), pairs.xy0, pairs.xy1)
+    return 0.5 * np.log1p((error / threshold) ** 2).sum() + 0.5 * ((r - 1) / rate_prior) ** 2
+
+
+def test_refinement_ends_where_data_and_prior_balance(pair):
+    rate_prior = 2e-3  # about as strong as the data
+    found = refine(pair, pair.pose, pair.offset_s, thresholds=(0.003,), rate_prior=rate_prior, iterations=100)
+    assert 0.1 < (found.rate - 1) / (pair.rate - 1) < 0.9
+    least = objective(pair, found, 0.003, rate_prior)
+    for offset_s, rate in ((1e-4, 0), (0, 1e-6)):
+        ahead, behind = (objective(pair, found, 0.003, rate_prior, s * offset_s, s * rate) - least for s in (1, -1))
+        assert min(ahead, behind) > 0
+        assert ahead == pytest.approx(behind, rel=0.01)  # the slope vanishes
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_iteration_of_the_refinement_makes_it_worse(pair, seed):
+    rng = np.random.default_rng(seed)
+    start, offset_s = disturbed(pair.pose, rng, 0.3), pair.offset_s + rng.uniform(-3, 3)
+    costs = []
+    for n in range(8):
+        found = refine(pair, start, offset_s, thresholds=(0.003,), iterations=n)
+        pairs = two_view.correspond(pair.path0, pair.path1, 15.0, found.offset_s, found.rate)
+        costs.append(objective(pair, found, 0.003, 1.0) / len(pairs))
+    assert (np.diff(costs) <= 0).all()
+    assert costs[-1] < costs[0]
 
 
 def test_formal_deviations_match_the_scatter_of_noisy_repeats(pair):

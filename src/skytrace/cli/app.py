@@ -138,6 +138,19 @@ def demo(
     demo_command(output, seed)
 
 
+@app.command()
+def datasets(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the FLIGHT folders.")],
+    data: Annotated[
+        Path | None, typer.Option(envvar="SKYTRACE_DATA", help="Folder that holds drone-tracking/.")
+    ] = None,
+) -> None:
+    """Write FLIGHT folders of the public recordings from a local copy of their files."""
+    from skytrace.cli.datasets import datasets_command
+
+    datasets_command(output, data)
+
+
 @import_app.command("mvus")
 def import_mvus(
     config: Annotated[Path, typer.Argument(metavar="CONFIG.json", help="Configuration of the paper's code.")],

@@ -114,14 +114,11 @@ def split_at_breaks(time_s: FloatArray, xy_px: FloatArray, max_gap_s: float, flo
     dt = np.diff(time_s)
     step = np.linalg.norm(np.diff(xy_px, axis=0), axis=1)
     speed = step / dt
-    # Compare with the fastest of the typical steps on either side, so that accelerating targets stay whole.
-    half = 5
-    padded = np.pad(speed, half, mode="edge") if len(speed) else speed
-    if len(speed):
-        windows = np.lib.stride_tricks.sliding_window_view(padded, half)
-        usual = np.maximum(np.median(windows[: len(speed)], axis=1), np.median(windows[half + 1 :], axis=1))
-    else:
-        usual = speed
+    # Compare with the faster of the typical steps on either side, so that accelerating targets stay whole; beyond the
+    # ends there are none.
+    side = 5
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(speed, side), side)
+    usual = np.maximum(np.median(windows[: len(speed)], axis=1), np.median(windows[side + 1 :], axis=1))
     breaks = (dt > max_gap_s) | ((step > 3 * floor_px) & (step > 5 * usual * dt))
     return np.split(np.arange(len(time_s)), np.flatnonzero(breaks) + 1)
 

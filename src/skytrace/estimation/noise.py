@@ -40,8 +40,9 @@ def inflation(
     signal[0, position] = 1.0
     signal[1:, position] = clipped.T
     correlation = autocorrelation(signal, lags)
-    pairs = np.maximum(np.rint(correlation[0]), 1.0)
-    covariance = (correlation[1] + correlation[2]) / pairs
+    pairs = np.rint(correlation[0])
+    known = np.flatnonzero(pairs > 0)  # detections in every other frame have no pairs at odd lags
+    covariance = np.interp(np.arange(lags), known, (correlation[1] + correlation[2])[known] / pairs[known])
     if covariance[0] <= 0:
         return 1.0
     rho = covariance[1:] / covariance[0]

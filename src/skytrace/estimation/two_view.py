@@ -125,8 +125,9 @@ def refine(
     """Minimise the Cauchy loss of the Sampson errors over rotation, baseline direction, offset and clock rate.
 
     One pass for each threshold (on the plane z = 1), the loss tightening from the first to the last; the rate is held
-    near its nominal value by a Gaussian prior of deviation `rate_prior`. Returns None when too little overlap remains.
+    near the one given by a Gaussian prior of deviation `rate_prior`. Returns None when too little overlap remains.
     """
+    nominal_rate = rate
     cov = np.full((7, 7), np.inf)
     pairs = correspond(path0, path1, rate_hz, offset_s, rate)
     for threshold in thresholds:
@@ -142,17 +143,16 @@ def refine(
             H = (J * weight[:, None]).T @ J / threshold**2
             g = J.T @ (weight * error) / threshold**2
             H[6, 6] += rate_prior**-2
-            g[6] += (rate - 1) * rate_prior**-2
-            cost = np.log1p((error / threshold) ** 2).mean() + ((rate - 1) / rate_prior) ** 2 / len(error)
+            g[6] += (rate - nominal_rate) * rate_prior**-2
+            cost = np.log1p((error / threshold) ** 2).mean() + ((rate - nominal_rate) / rate_prior) ** 2 / len(error)
             step = -np.asarray(np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g), np.float64)
             candidate = _step(pose, offset_s, rate, centre, step)
             moved = thin(correspond(path0, path1, rate_hz, candidate[1], candidate[2]), max_samples)
             if len(moved) < 16:
                 return None
             moved_error, moved_J = _sampson_jacobian(candidate[0], moved, centre)
-            moved_cost = np.log1p((moved_error / threshold) ** 2).mean() + ((candidate[2] - 1) / rate_prior) ** 2 / len(
-                moved_error
-            )
+            stray = (candidate[2] - nominal_rate) / rate_prior
+            moved_cost = np.log1p((moved_error / threshold) ** 2).mean() + stray**2 / len(moved_error)
             if moved_cost < cost:
                 (pose, offset_s, rate), pairs, error, J = candidate, moved, moved_error, moved_J
                 damping = max(damping / 5, 1e-9)

@@ -40,6 +40,15 @@ def distort_jacobian(xy_norm: FloatArray, distortion: FloatArray) -> FloatArray:
     return J
 
 
+def one_to_one_radius(distortion: FloatArray) -> float:
+    """Radius on the plane z = 1 up to which the radial part of a lens grows with the radius; inf if everywhere."""
+    k1, k2, _, _, k3 = distortion
+    # Zeros of d (r radial) / d r = 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6, found as 1 / r^2: weak lenses are safe.
+    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+    folds = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)]
+    return float(1 / np.sqrt(folds.max())) if len(folds) else np.inf
+
+
 def undistort(
     xy_distorted: FloatArray, distortion: FloatArray, iterations: int = 30, tolerance: float = 1e-12
 ) -> tuple[FloatArray, BoolArray]:
@@ -68,10 +77,8 @@ def undistort(
         limit = 0.5 * (0.1 + np.linalg.norm(xy, axis=1, keepdims=True))
         length = np.linalg.norm(step, axis=1, keepdims=True)
         xy -= step * np.minimum(1.0, limit / np.maximum(length, 1e-300))
-    J = distort_jacobian(xy, distortion)
-    determinant = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
     residual = np.abs(distort(xy, distortion) - xy_distorted).max(axis=1, initial=0.0)
-    return xy, (residual < 1e-9) & (determinant > 0) & (J[:, 0, 0] + J[:, 1, 1] > 0)
+    return xy, (residual < 1e-9) & (np.hypot(xy[:, 0], xy[:, 1]) < one_to_one_radius(distortion))
 
 
 def to_rays(xy_norm: FloatArray) -> FloatArray:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.projection import one_to_one_radius
 from skytrace.geometry.rigid import Rigid, so3_exp
 from skytrace.model.camera import Clock, Intrinsics
-from skytrace.simulation.observe import one_to_one_radius
 from skytrace.simulation.scenario import Scenario
 
 # Video modes that store fewer columns than they show: stored over shown width.

@@ -5,21 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from skytrace.geometry.arrays import BoolArray, FloatArray
+from skytrace.geometry.projection import one_to_one_radius
 from skytrace.geometry.rigid import Rigid
 from skytrace.model.camera import Clock, Intrinsics
 from skytrace.simulation.flight import Motion
 
 # The radius at which a lens folds is known for its radial part; the tangential part moves it a little.
 _FOLD_MARGIN = 0.97
-
-
-def one_to_one_radius(distortion: FloatArray) -> float:
-    """Radius on the plane z = 1 up to which the radial part of a lens grows with the radius; inf if everywhere."""
-    k1, k2, _, _, k3 = distortion
-    # Zeros of d (r radial) / d r = 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6, found as 1 / r^2: weak lenses are safe.
-    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
-    folds = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)]
-    return float(1 / np.sqrt(folds.max())) if len(folds) else np.inf
 
 
 def in_view(point_in_camera: FloatArray, xy_px: FloatArray, intrinsics: Intrinsics) -> BoolArray:

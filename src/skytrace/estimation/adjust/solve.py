@@ -11,6 +11,7 @@ from skytrace.estimation.adjust.problem import CENTRE, N_PARAMETERS, Priors, Pro
 from skytrace.estimation.priors import MotionPrior
 from skytrace.geometry.arrays import BoolArray, FloatArray
 
+_LARGEST_DAMPING = 1e8
 _WIDTH = 12  # four control points of three coordinates interact
 
 
@@ -185,14 +186,14 @@ def minimise(
 
     A step is accepted only where it lowers the cost, so a step that turns NaN never is.
     """
-    free = priors.free
+    free, gain = priors.free, np.inf
     current = cost(problem, state, priors, weights, motion)
     spread = _spread(problem, state)
     iterations = 0
     while iterations < max_iterations:
         equations = assemble(problem, state, priors, weights, motion)
-        improved = False
-        while iterations < max_iterations and damping < 1e8:
+        improved = solvable = False
+        while iterations < max_iterations and damping < _LARGEST_DAMPING:
             iterations += 1
             try:
                 factor = eliminate(equations, damping)
@@ -200,6 +201,7 @@ def minimise(
             except np.linalg.LinAlgError:
                 damping = max(damping * 10, 1e-6)
                 continue
+            solvable = True
             camera_step = np.zeros(free.shape)
             camera_step[free] = camera_free
             candidate = state.moved(camera_step, spline_step.reshape(-1, 3))
@@ -213,8 +215,11 @@ def minimise(
                 damping = max(damping / 10, 1e-12)
                 break
             damping = max(damping * 10, 1e-6)
-        if not improved or gain < tolerance:
-            return Solution(state, current, iterations, converged=damping < 1e8)
+        if improved and gain < tolerance:
+            return Solution(state, current, iterations, converged=True)
+        if not improved and damping >= _LARGEST_DAMPING:
+            # However short the step, the cost does not fall: the minimum, as far as the arithmetic can tell.
+            return Solution(state, current, iterations, converged=solvable)
     return Solution(state, current, iterations, converged=False)
 
 
