@@ -31,6 +31,7 @@ class Config:
     grow: GrowSettings = field(default_factory=GrowSettings)
     adjust: AdjustSettings = field(default_factory=AdjustSettings)
     freedom: Freedom = field(default_factory=Freedom)
+    start_attempts: int = 3  # initial pairs to grow from until all cameras are in
     passes: int = 2  # final adjustments, each but the first on a trajectory triangulated anew
     finish: FinishSettings = field(default_factory=FinishSettings)
     wander: WanderSettings = field(default_factory=WanderSettings)

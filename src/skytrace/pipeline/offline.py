@@ -14,7 +14,7 @@ from skytrace.estimation.clock_wander import Wander, find_wander, retimed
 from skytrace.estimation.correspond import image_path
 from skytrace.estimation.finish import finish, refined_paths
 from skytrace.estimation.grow import Grown, Growth, complete, grow
-from skytrace.estimation.initialize import initial_pairs
+from skytrace.estimation.initialize import InitialPair, initial_pairs
 from skytrace.estimation.posterior import Posterior
 from skytrace.estimation.synchronize import Synchronisation, synchronize
 from skytrace.model.reconstruction import Reconstruction
@@ -25,12 +25,12 @@ from skytrace.pipeline.config import Config
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stage:
-    """One step of the stream: its name, how far it is, and what it produced (None while it is under way)."""
+    """One step of the stream: its name, how far it is, and what it produced."""
 
     name: str
     done: int
     total: int
-    product: Any = None
+    product: Any
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -44,9 +44,8 @@ class Outcome:
     wander: Mapping[str, Wander]  # of the cameras whose clocks run unevenly
 
 
-_GROSS_RATE = 0.01
-
 Progress = Callable[[str, int, int], None]
+_GROSS_RATE = 0.01  # a real clock is never off by this much: the given frame rate is a mistake
 
 
 def run(
@@ -58,18 +57,10 @@ def run(
 ) -> Iterator[Stage]:
     """Reconstruct a flight from cleaned recordings; the last stage's product is the Outcome.
 
-    `hints_s` are rough clock offsets, never needed. Raises ReconstructionError where the data determine nothing.
+    `hints_s` are rough clock offsets, never needed; `progress` hears of the steps inside long stages. Raises
+    ReconstructionError where the data determine nothing.
     """
-    given = {r.camera_id: r for r in recordings if r.n_detections}
-    silent = {r.camera_id: "it has no usable detections" for r in recordings if not r.n_detections}
-    if len(given) < 2:
-        raise ReconstructionError(
-            "synchronise",
-            "fewer than two cameras have usable detections",
-            counts={"cameras given": len(recordings), "with detections": len(given)},
-            hint="See what was dropped and why in the log; check image sizes and the columns of the detections",
-        )
-    measured = {c: r.frame_rate_hz for c, r in given.items()}
+    given, silent = _usable(recordings)
     readout = config.adjust.readout_fraction
     paths = {c: image_path(r, readout) for c, r in given.items()}
     synchronisation = synchronize(
@@ -81,62 +72,38 @@ def run(
     )
     yield Stage("synchronise", 1, 1, synchronisation)
 
-    given, clocks = correct_frame_rates(given, synchronisation.clocks)
-    paths |= {c: image_path(r, readout) for c, r in given.items() if r.frame_rate_hz != measured[c]}
-    synchronisation = replace(synchronisation, clocks=clocks)
-    starts = initial_pairs(synchronisation, paths, given, config.initialise, config.structure, readout)
+    corrected, clocks = correct_frame_rates(given, synchronisation.clocks)
+    paths |= {c: image_path(r, readout) for c, r in corrected.items() if r is not given[c]}
+    starts = initial_pairs(
+        replace(synchronisation, clocks=clocks), paths, corrected, config.initialise, config.structure, readout
+    )
     yield Stage("initialise", 1, 1, starts)
 
     growth = Growth(
-        given,
-        paths,
-        synchronisation.clocks,
-        config.structure,
-        config.register,
-        config.adjust,
-        config.grow,
-        config.seed,
+        corrected, paths, clocks, config.structure, config.register, config.adjust, config.grow, config.seed
     )
-    grown: Grown | None = None
-    for grown in grow(starts[0], growth):
-        yield Stage("grow", len(grown.adjusted.camera_ids), len(synchronisation.clocks), grown)
-    assert grown is not None  # the initial pair at least
+    grown = None
+    for grown in _grow_from_best(starts[: config.start_attempts], growth):
+        yield Stage("grow", len(grown.adjusted.camera_ids), len(clocks), grown)
+    assert grown is not None  # _grow_from_best yields or raises
 
-    adjusted, missing, wander = grown.adjusted, grown.missing, {}
-    passes = config.passes
-    k = 0
-    while k < passes:
-        adjusted = finish(
-            adjusted,
-            given,
-            config.structure,
-            config.adjust,
-            config.freedom,
-            config.finish,
-            retriangulate=k > 0,
-        )
-        yield Stage("adjust", k + 1, passes, adjusted)
-        if k == 0:
-            wander = find_wander(adjusted, config.wander)
-            rates = {c: adjusted.scene.cameras[c].rate for c in wander}
-            given |= {c: retimed(given[c], w, rates[c]) for c, w in wander.items()}
-            passes += bool(wander)
-        if missing and k == 0:
-            growth = replace(growth, recordings=given, paths={**paths, **refined_paths(adjusted.scene, given)})
-            for grown in complete(Grown(adjusted, None, missing), growth):
-                adjusted, missing = grown.adjusted, grown.missing
-        k += 1
+    finished = None
+    for finished in _finish(grown, growth, config):
+        yield Stage("adjust", finished.passes_done, finished.passes, finished.adjusted)
+    assert finished is not None  # config.passes >= 1
 
-    unregistered = {**silent, **synchronisation.untied, **missing}
-    reconstruction, deviations = assemble(adjusted, given, unregistered, config.coverage)
+    unregistered = {**silent, **synchronisation.untied, **finished.missing}
+    reconstruction, deviations = assemble(finished.adjusted, finished.recordings, unregistered, config.coverage)
     if not reconstruction.trajectory.segments:
         raise ReconstructionError(
             "cover",
             "no stretch of the trajectory is supported by two cameras that agree",
+            counts={"cameras": len(reconstruction.cameras)},
             threshold=config.coverage.min_segment_s,
             hint="The reconstruction contradicts itself; check calibrations and frame rates",
         )
-    yield Stage("cover", 1, 1, Outcome(reconstruction, adjusted, deviations, synchronisation, wander))
+    product = Outcome(reconstruction, finished.adjusted, deviations, synchronisation, finished.wander)
+    yield Stage("cover", 1, 1, product)
 
 
 def outcome(stages: Iterator[Stage]) -> Outcome:
@@ -149,12 +116,28 @@ def outcome(stages: Iterator[Stage]) -> Outcome:
     return product
 
 
+def _usable(recordings: Sequence[Recording]) -> tuple[dict[str, Recording], dict[str, str]]:
+    """Recordings with tracks by camera, and why the others are out. Raises where fewer than two are left."""
+    given = {r.camera_id: r for r in recordings if r.n_detections}
+    silent = {r.camera_id: "it has no usable detections" for r in recordings if not r.n_detections}
+    if len(given) < 2:
+        raise ReconstructionError(
+            "clean",
+            "fewer than two cameras have usable detections",
+            counts={"cameras given": len(recordings), "with detections": len(given)},
+            threshold=2,
+            hint="Check the image sizes in the calibrations, the columns of the detections, and how many detections "
+            "follow each other",
+        )
+    return given, silent
+
+
 def correct_frame_rates(
     recordings: Mapping[str, Recording], clocks: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, Recording], dict[str, tuple[float, float]]]:
     """Recordings with the frame rates that synchronisation found where those given are grossly wrong, and their clocks.
 
-    A real clock is never off by a per cent: there the given frame rate is a mistake, and the rate is folded into it.
+    The rate found is folded into the frame rate. Time stamps are taken at their word.
     """
     corrected, found = dict(recordings), dict(clocks)
     for camera_id, (offset_s, rate) in clocks.items():
@@ -163,3 +146,64 @@ def correct_frame_rates(
             corrected[camera_id] = replace(recording, frame_rate_hz=recording.frame_rate_hz / rate)
             found[camera_id] = (offset_s, 1.0)
     return corrected, found
+
+
+def _grow_from_best(starts: Sequence[InitialPair], growth: Growth) -> Iterator[Grown]:
+    """Grow from one initial pair after another until all cameras are in; the last one yielded is the largest."""
+    best: Grown | None = None
+    failure: ReconstructionError | None = None
+    for start in starts:
+        grown = None
+        try:
+            for grown in grow(start, growth):
+                yield grown
+        except ReconstructionError as error:
+            failure = error
+        if grown is not None and (best is None or len(grown.adjusted.camera_ids) > len(best.adjusted.camera_ids)):
+            best = grown
+        if best is not None and not best.missing:
+            break
+    if best is None:
+        assert failure is not None  # there is at least one start
+        raise failure
+    yield best
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Finished:
+    """The scene after a final pass, with the recordings as retimed so far."""
+
+    adjusted: Adjusted
+    missing: Mapping[str, str]
+    recordings: Mapping[str, Recording]
+    wander: Mapping[str, Wander]
+    passes_done: int
+    passes: int
+
+
+def _finish(grown: Grown, growth: Growth, config: Config) -> Iterator[_Finished]:
+    """Adjust everything, the second time on even clocks and with cameras that failed before; once more if any did."""
+    recordings, paths = dict(growth.recordings), growth.paths
+    wander: dict[str, Wander] = {}
+    passes, k = config.passes, 0
+    while k < passes:
+        adjusted = finish(
+            grown.adjusted,
+            recordings,
+            config.structure,
+            config.adjust,
+            config.freedom,
+            config.finish,
+            retriangulate=k > 0,
+        )
+        grown = replace(grown, adjusted=adjusted)
+        if k == 0:
+            wander = find_wander(adjusted, config.wander)
+            recordings |= {c: retimed(recordings[c], w, adjusted.scene.cameras[c].rate) for c, w in wander.items()}
+            refined = {**paths, **refined_paths(adjusted.scene, recordings)}
+            before = len(adjusted.camera_ids)
+            for further in complete(grown, replace(growth, recordings=recordings, paths=refined)):
+                grown = further
+            passes += bool(wander) or len(grown.adjusted.camera_ids) > before
+        k += 1
+        yield _Finished(grown.adjusted, grown.missing, recordings, wander, k, passes)
