@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_strategies import law, rigids, seeds
 
-from skytrace.geometry.triangulation import midpoint, ray_errors, triangulate, widest_angle
+from skytrace.geometry.triangulation import midpoint, parallax, ray_errors, triangulate
 
 
 def scene(seed, n_cameras=4, n=20):
@@ -30,7 +30,7 @@ def test_exact_rays_meet_in_the_point(seed, n_cameras):
     assert found.valid.all()
     assert found.inlier.all()
     np.testing.assert_allclose(found.point_in_world, point, rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(found.angle_rad, widest_angle(ray, np.ones(ray.shape[:2], bool)))
+    np.testing.assert_array_equal(found.angle_rad, parallax(ray, np.ones(ray.shape[:2], bool)))
 
 
 @law

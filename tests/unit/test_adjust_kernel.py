@@ -31,7 +31,7 @@ SPACING_S = 0.25
 
 
 def random_state(rng, n_cameras=3, runs=RUNS):
-    """Cameras on a ring that look inwards on a path some 20 m across, with clocks and lenses off their nominal values."""
+    """Cameras on a ring that look inwards on a path some 20 m across; clocks and lenses off their nominal values."""
     rotations, centres = [], []
     for azimuth in 2 * np.pi * (np.arange(n_cameras) + rng.uniform(-0.2, 0.2, n_cameras)) / n_cameras:
         centre = np.array([30 * np.cos(azimuth), 30 * np.sin(azimuth), rng.uniform(-8, 8)])

@@ -139,7 +139,6 @@ def test_peaks_are_apart_and_in_order():
     np.testing.assert_array_equal(peaks(np.array([3.0, 2, 1, 2, 1]), gaps, 2, 5), [0, 3])
 
 
-@pytest.mark.xfail(strict=True, reason="peaks takes the flanks of a broad maximum before a smaller maximum of its own")
 def test_the_flanks_of_a_broad_maximum_are_no_peaks():
     shift = np.arange(-50, 51)
     score = -((shift / 30.0) ** 2)

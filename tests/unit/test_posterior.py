@@ -222,10 +222,10 @@ def test_deviations_predict_the_errors_under_noise():
         noisy = problem.observations.xy_px + 0.5 * rng.normal(size=problem.observations.xy_px.shape)
         # A prior is a measurement too, and errs by its deviation.
         slip = np.where(np.isfinite(DEVIATION), DEVIATION, 0) * rng.normal(size=(3, N_PARAMETERS))
-        found = solve.minimise(
-            replace(problem, observations=replace(problem.observations, xy_px=noisy)),
-            truth, replace(priors, mean=priors.mean + slip), weights, motion_prior("jerk", SPACING_S, RUNS, motion_weight),
-        ).state  # fmt: skip
+        seen = replace(problem, observations=replace(problem.observations, xy_px=noisy))
+        slipped = replace(priors, mean=priors.mean + slip)
+        motion = motion_prior("jerk", SPACING_S, RUNS, motion_weight)
+        found = solve.minimise(seen, truth, slipped, weights, motion).state
         moved = align_similarity(P @ found.control, P @ truth.control).apply(P @ found.control)
         knots.append(((moved - P @ truth.control) ** 2).sum(axis=1))
         clocks.append(found.clock - truth.clock)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from report_scene import make_reconstruction
+
 from skytrace.model.reconstruction import Reconstruction, Residuals
 from skytrace.model.trajectory import Trajectory
 from skytrace.report import figures, theme

@@ -8,8 +8,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-
 from report_scene import make_reconstruction, make_summary
+
 from skytrace.report import render_report
 
 VOID = {"meta", "link", "input", "br"}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from report_scene import DOWN, look_at, make_reconstruction
+
 from skytrace.geometry.rigid import Rigid, Similarity, so3_exp
 from skytrace.model.reconstruction import Reconstruction
 from skytrace.report.picture import frustum_lines, picture_from_world, up_in_world

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from report_scene import make_reconstruction
+
 from skytrace.io.run_folder import SUPPORT_S, supporting_cameras
 from skytrace.model.reconstruction import Reconstruction, Residuals
 from skytrace.report import samples

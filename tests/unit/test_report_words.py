@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-
 from report_scene import make_reconstruction
+
 from skytrace.model.reconstruction import Reconstruction
 from skytrace.model.trajectory import Trajectory
 from skytrace.report import words

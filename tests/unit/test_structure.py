@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from skytrace.errors import ReconstructionError
-from skytrace.estimation.correspond import image_path
+from skytrace.estimation.correspond import ImagePath, image_path
 from skytrace.estimation.scene import N_LENS, CameraState, Scene
 from skytrace.estimation.structure import Structure, StructureSettings, fit_structure, triangulate_scene, world_rays
 from skytrace.simulation import Scenario, simulate
+from skytrace.simulation.cameras import look_at
 
 SETTINGS = StructureSettings()
 
@@ -105,3 +106,19 @@ def test_without_points_there_is_no_trajectory(flight):
         fit_structure(scene, nothing, SETTINGS)
     assert caught.value.stage == "triangulate"
     assert caught.value.hint
+
+
+def test_a_third_camera_fixes_what_two_that_face_each_other_leave_open():
+    still = np.zeros((4, 1, 2))
+    cameras, paths = {}, {}
+    point = np.array([0.0, 0.02, 0.0])
+    for k, centre in enumerate(np.array([[-50.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, -50.0, 0.0]])):
+        pose = look_at(centre, np.zeros(3))
+        x, y, z = pose.apply(point)
+        constant = still.copy()
+        constant[3] = [x / z, y / z]
+        cameras[f"cam{k}"] = CameraState(pose, 0.0, 1.0, 0.0, np.zeros(N_LENS))
+        paths[f"cam{k}"] = ImagePath(np.array([0.0, 2.0]), constant)
+    found = triangulate_scene(Scene("cam0", cameras), paths, SETTINGS)
+    np.testing.assert_allclose(found.point_in_world, np.tile(point, (len(found.time_s), 1)), rtol=0, atol=1e-6)
+    assert (found.sigma < 100).all()

@@ -73,7 +73,7 @@ def test_shifts_beyond_the_limit_are_not_reported(rng):
 
 
 def test_degenerate_samples_give_no_nonsense(rng):
-    E, _, xy0, xy1, velocity1 = shifted_pair(rng, 8)
+    _, _, xy0, xy1, velocity1 = shifted_pair(rng, 8)
     xy0[:], xy1[:] = xy0[0], xy1[0]  # one correspondence eight times
     still = np.zeros_like(velocity1)
     for v in (velocity1, still):

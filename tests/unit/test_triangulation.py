@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skytrace.geometry.triangulation import midpoint, ray_errors, triangulate, widest_angle
+from skytrace.geometry.triangulation import midpoint, parallax, ray_errors, triangulate
 
 CENTRE = np.array([[-50.0, 0.0, 0.0], [50.0, 0.0, 0.0], [0.0, -50.0, 0.0], [0.0, 60.0, 0.0]])
 POINT = np.array([[0.0, 0.0, 30.0], [5.0, 5.0, 20.0]])
@@ -44,7 +44,7 @@ def test_missing_rays_are_no_inliers_and_do_no_harm():
 def test_too_small_an_angle_is_not_valid():
     near = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     ray = rays(centre=near)  # 1/30 and 1/21 rad or so
-    angle = widest_angle(ray, np.ones((2, 2), bool))
+    angle = parallax(ray, np.ones((2, 2), bool))
     np.testing.assert_allclose(angle[0], np.arctan(1 / 30), rtol=1e-9)
     found = triangulate(near, ray, 0.001, 0.04)
     np.testing.assert_array_equal(found.valid, [False, True])
@@ -121,3 +121,12 @@ def test_noise_is_averaged_over_all_agreeing_rays(rng):
     ]
     assert spread[1] < 0.85 * spread[0]
     assert spread[1] == pytest.approx(0.05, abs=0.03)
+
+
+def test_cameras_that_face_each_other_do_not_fix_the_point_between_them(rng):
+    point = np.tile([[10.0, 0.05, 0.0]], (200, 1))
+    ray = rays(point, CENTRE[:2]) + rng.normal(0, 1e-3, (200, 2, 3))
+    ray /= np.linalg.norm(ray, axis=2, keepdims=True)
+    found = triangulate(CENTRE[:2], ray, 0.01, 0.035)
+    error = np.linalg.norm(found.point_in_world - point, axis=1)[found.valid]
+    assert error.max(initial=0.0) < 5.0

@@ -17,6 +17,7 @@ from skytrace.model.track import Recording
 class FinishSettings:
     rounds: int = 4  # of estimating the noise within an adjustment
     iterations: int = 12
+    last_iterations: int = 40  # of the last round, which is to settle
     min_cameras_for_lens: int = 3  # with fewer, a free focal length ruins the geometry
 
 
@@ -49,8 +50,8 @@ def finish(
         freedom,
         rounds=settings.rounds,
         iterations=settings.iterations,
-        weights=adjusted.weights,
-        motion_weight=adjusted.motion.weight,
+        last_iterations=settings.last_iterations,
+        previous=adjusted,
     )
 
 

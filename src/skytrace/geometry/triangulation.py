@@ -12,7 +12,7 @@ from skytrace.geometry.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Triangulated:
-    """Points (n, 3) in the world, the rays that agree with them (n, cameras), and the widest angle between those."""
+    """Points (n, 3) in the world, the rays that agree with them (n, cameras), and the best parallax between those."""
 
     point_in_world: FloatArray  # (n, 3), NaN where not `valid`
     inlier: BoolArray  # (n, cameras)
@@ -53,8 +53,8 @@ def triangulate(
     """Robust triangulation of rays (n, c, 3) in the world (NaN where not seen) of cameras with centres (c, 3).
 
     Every pair of cameras proposes a point; the proposal with the most agreeing rays is refined on them. A point is
-    valid when at least two rays and `min_fraction` of those present agree within `max_error_rad` and subtend
-    `min_angle_rad`.
+    valid when at least two rays and `min_fraction` of those present agree within `max_error_rad` with a
+    parallax of `min_angle_rad`.
     """
     n, c = ray.shape[:2]
     seen = np.isfinite(ray[..., 0])
@@ -81,19 +81,24 @@ def triangulate(
         usable = np.isfinite(refined[:, 0])
         best_point[np.flatnonzero(enough)[usable]] = refined[usable]
         inlier = _agreeing(best_point, centre, ray, seen, max_error_rad)
-    angle = widest_angle(ray, inlier)
+    angle = parallax(ray, inlier)
     valid = (inlier.sum(1) >= np.maximum(2, min_fraction * seen.sum(1))) & (angle >= min_angle_rad)
     best_point[~valid] = np.nan
     return Triangulated(best_point, inlier & valid[:, None], angle, valid)
 
 
-def widest_angle(ray: FloatArray, present: BoolArray) -> FloatArray:
-    """Widest angle (n,) in radians between the rays (n, c, 3) that are present (n, c)."""
-    smallest_cosine = np.ones(len(ray))
+def parallax(ray: FloatArray, present: BoolArray) -> FloatArray:
+    """Best parallax (n,) in radians, at most a quarter turn, among the rays (n, c, 3) that are present (n, c).
+
+    Two rays fix a point as well as the sine of their angle is large: not at all where they are parallel, nor where the
+    cameras face each other.
+    """
+    largest_sine = np.zeros(len(ray))
     for i, j in combinations(range(ray.shape[1]), 2):
-        cosine = np.where(present[:, i] & present[:, j], (ray[:, i] * ray[:, j]).sum(1), 1.0)
-        smallest_cosine = np.minimum(smallest_cosine, cosine)
-    return np.arccos(np.clip(smallest_cosine, -1.0, 1.0))
+        both = present[:, i] & present[:, j]
+        sine = np.linalg.norm(np.cross(ray[both, i], ray[both, j]), axis=1)
+        largest_sine[both] = np.maximum(largest_sine[both], sine)
+    return np.arcsin(np.minimum(largest_sine, 1.0))
 
 
 def _agreeing(

@@ -61,26 +61,32 @@ def adjust(
     *,
     rounds: int,
     iterations: int,
-    weights: Weights | None = None,
-    motion_weight: float | None = None,
+    last_iterations: int | None = None,
+    previous: Adjusted | None = None,
 ) -> Adjusted:
-    """Alternate the minimisation with the estimation of noise, of its correlation, and of the motion prior's weight."""
+    """Alternate the minimisation with the estimation of noise, of its correlation, and of the motion prior's weight.
+
+    Each round takes at most `iterations`, the last one `last_iterations`. A `previous` adjustment of the same cameras
+    lends its noise and prior weight to the first round; otherwise they come from the scene as it is.
+    """
     camera_ids = tuple(scene.cameras)
     problem, state, frames = build(scene, recordings, camera_ids)
-    common = 1.0
     motion = motion_prior(settings.motion_prior, problem.grid.spacing_s, problem.grid.runs, 1.0)
-    priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
-    if weights is None or len(weights.sigma_px) != len(camera_ids):
+    if previous is not None and previous.camera_ids == camera_ids:
+        weights, common, first = previous.weights, previous.inflation, previous.motion.weight
+    else:
         weights, common = estimate_weights(problem, state, frames, recordings, camera_ids, settings)
+        first = motion.rank / max(motion.energy(state.control), 1e-300)
     if motion.automatic:
-        first = 1.0 / max(motion.energy(state.control), 1e-300) * motion.rank
-        motion = motion.weighted(motion_weight if motion_weight is not None else first)
+        motion = motion.weighted(first)
+    priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
     total = 0
     solution = solve.Solution(state, np.inf, 0, False)
     for k in range(rounds):
         priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
+        most = last_iterations if last_iterations is not None and k == rounds - 1 else iterations
         solution = solve.minimise(
-            problem, state, priors, weights, motion, max_iterations=iterations, tolerance=settings.tolerance
+            problem, state, priors, weights, motion, max_iterations=most, tolerance=settings.tolerance
         )
         state, total = solution.state, total + solution.iterations
         if k < rounds - 1:
