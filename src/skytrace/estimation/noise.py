@@ -19,26 +19,34 @@ def robust_sigma(residual_px: FloatArray) -> float:
 
 
 def inflation(
-    residual_px: FloatArray, frame: IntArray, sigma_px: float, frame_rate_hz: float, longest_s: float = 3.0
+    residual_px: FloatArray,
+    frame: IntArray,
+    sigma_px: float,
+    frame_rate_hz: float,
+    longest_s: float = 3.0,
+    loss_scale: float = 2.0,
 ) -> float:
-    """How many residuals (n, 2) at frames (n,) together carry the information of one: 1 + 2 sum of autocorrelations.
+    """How many frames' residuals (n, 2) at frames (n,) carry the information of one: 1 + 2 sum of autocorrelations.
 
     The sum runs over lags up to the first that is not positive (Geyer, "Practical Markov chain Monte Carlo", 1992), at
-    most `longest_s`. Residuals are clipped at three deviations first, so that outliers do not hide the correlation.
+    most `longest_s`. What counts is the pull of a residual on the estimate, residual / (1 + (residual / scale)^2) under
+    the Cauchy loss of `loss_scale` deviations, so outliers neither hide nor feign correlation (the middle of Huber's
+    sandwich, "The behavior of maximum likelihood estimates under nonstandard conditions", 1967).
     """
     finite = np.isfinite(residual_px[:, 0])
     if finite.sum() < 10:
         return 1.0
     position = frame[finite] - frame[finite].min()
-    clipped = np.clip(residual_px[finite] / sigma_px, -3, 3)
+    pull = residual_px[finite] / sigma_px
+    pull = pull / (1 + (pull**2).sum(axis=1, keepdims=True) / loss_scale**2)
     # Very long recordings are judged by the stretch that fits; correlations are local.
     within = position < 2_000_000
-    position, clipped = position[within], clipped[within]
+    position, pull = position[within], pull[within]
     n = int(position.max()) + 1
     lags = max(2, min(n, round(longest_s * frame_rate_hz)))
     signal = np.zeros((3, n))
     signal[0, position] = 1.0
-    signal[1:, position] = clipped.T
+    signal[1:, position] = pull.T
     correlation = autocorrelation(signal, lags)
     pairs = np.rint(correlation[0])
     known = np.flatnonzero(pairs > 0)  # detections in every other frame have no pairs at odd lags

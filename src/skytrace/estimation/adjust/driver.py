@@ -215,7 +215,9 @@ def estimate_weights(
         own = problem.observations.camera == i
         rate[i] = recordings[camera_id].frame_rate_hz
         sigma[i] = noise.robust_sigma(residual[own])
-        correlation_s[i] = noise.inflation(residual[own], frames[own], sigma[i], rate[i]) / rate[i]
+        correlation_s[i] = (
+            noise.inflation(residual[own], frames[own], sigma[i], rate[i], loss_scale=settings.loss_scale) / rate[i]
+        )
     slowest = float(rate.min())
     # The camera that shows most correlation is the one whose slow errors the trajectory follows least.
     common = max(1.0, float(correlation_s.max()) * slowest * _absorbed(problem, state))
