@@ -12,6 +12,9 @@ from skytrace.estimation.priors import MotionPrior
 from skytrace.geometry.arrays import BoolArray, FloatArray
 
 _LARGEST_DAMPING = 1e8
+# Where clocks have moved all detections off a stretch of spline, the motion prior alone leaves a parabola free. This much
+# of the largest entry keeps the matrix definite; it damps the steps and does not move the minimum.
+_RIDGE = 1e-12
 _WIDTH = 12  # four control points of three coordinates interact
 
 
@@ -88,11 +91,13 @@ def assemble(problem: Problem, state: State, priors: Priors, weights: Weights, m
     spline_gradient = spline_gradient + motion.weight * motion.gradient(state.control)
     # (c, m, 3, 16) -> (3 m, 16 c)
     coupling = np.moveaxis(coupling, 0, 2).reshape(3 * len(state.control), -1)
+    band = spline_band(blocks) + motion.weight * motion.band()
+    band[0] += _RIDGE * band[0].max()
     return NormalEquations(
         camera[np.ix_(free, free)],
         gradient.ravel()[free],
         coupling[:, free],
-        spline_band(blocks) + motion.weight * motion.band(),
+        band,
         spline_gradient.ravel(),
         _scale_direction(problem, state, free),
     )
