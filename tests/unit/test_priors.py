@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -9,7 +11,7 @@ from scipy.linalg import cholesky_banded, solveh_banded
 
 from skytrace.estimation.adjust.kernel import banded_inverse
 from skytrace.estimation.adjust.problem import KnotGrid
-from skytrace.estimation.priors import automatic_weight, energy_trace, motion_prior
+from skytrace.estimation.priors import automatic_weight, balanced, energy_trace, motion_prior
 
 RUNS = ((-3, 4), (9, 11), (20, 21))
 SPACING_S = 0.3
@@ -141,3 +143,34 @@ def test_the_automatic_weight_by_hand():
     # Data that determine nothing leave at least one degree of freedom.
     assert automatic_weight(prior, control, 15.0) == pytest.approx(1 / energy)
     assert np.isfinite(automatic_weight(prior, np.zeros((19, 3)), 6.0))
+
+
+def sized(runs=RUNS):
+    """A prior with a weight that knows which control points tell the flight's size."""
+    prior = motion_prior("jerk", SPACING_S, runs, 3.0)
+    extent = np.ones(sum(b - a + 3 for a, b in runs))
+    extent[:2] = 0.0
+    return dataclasses.replace(prior, extent=extent)
+
+
+def test_the_cost_has_its_gradient(rng):
+    prior = sized()
+    control = rng.normal(size=(len(prior.extent), 3))
+    prior = balanced(prior, control, 0.02)
+    gradient, step = prior.cost_gradient(control), 1e-6
+    for row, axis in [(0, 0), (3, 1), (7, 2)]:
+        moved = control.copy()
+        moved[row, axis] += step
+        up = prior.cost(moved)
+        moved[row, axis] -= 2 * step
+        assert (up - prior.cost(moved)) / (2 * step) == pytest.approx(gradient[row, axis], rel=1e-5, abs=1e-6)
+
+
+def test_a_balanced_prior_does_not_pull_on_the_flights_size(rng):
+    """Scaling the path about its middle leaves the cost unchanged to first order; without the balance it does not."""
+    prior = sized()
+    control = rng.normal(size=(len(prior.extent), 3)) + [5.0, -3.0, 40.0]
+    for known, relative in ((balanced(prior, control, 0.02), 0.0), (prior.weighted(0.02), 1.0)):
+        middle = prior.extent @ control / prior.extent.sum()
+        along = float((known.cost_gradient(control) * (control - middle)).sum())
+        assert along / (0.02 * prior.energy(control)) == pytest.approx(relative, abs=1e-9)

@@ -30,6 +30,8 @@ class MotionPrior:
     weight: float
     automatic: bool
     _band: FloatArray = field(repr=False)  # (4, m) lower band of the energy of one coordinate
+    extent: FloatArray = field(repr=False)  # (m,) 1 for the control points that tell the flight's size, else 0
+    determined: float  # degrees of freedom that the data determine, as `automatic_weight` counts them
 
     @property
     def rank(self) -> int:
@@ -60,6 +62,33 @@ class MotionPrior:
     def weighted(self, weight: float) -> MotionPrior:
         return replace(self, weight=weight)
 
+    def cost(self, control: FloatArray) -> float:
+        """What the prior adds to the objective: weight * energy / 2 - determined * ln(squared extent) / 2.
+
+        A shorter path has less energy, so the energy alone shrinks the flight against the cameras, through focal
+        lengths and depths, with the force of as many observations as the data determine of its shape. A prior on shape
+        must not know size: the second term cancels that force. It stands for the determinant that integrating over the
+        path, instead of maximising, would bring.
+        """
+        shape = 0.5 * self.weight * self.energy(control)
+        if not self.extent.any():
+            return shape
+        return shape - 0.5 * self.determined * float(np.log(self._squared_extent(control)))
+
+    def cost_gradient(self, control: FloatArray) -> FloatArray:
+        """Derivative (m, 3) of `cost`."""
+        shape = self.weight * self.gradient(control)
+        if not self.extent.any():
+            return shape
+        outward = self.extent[:, None] * self._centred(control)
+        return shape - self.determined / self._squared_extent(control) * outward
+
+    def _centred(self, control: FloatArray) -> FloatArray:
+        return control - self.extent @ control / self.extent.sum()
+
+    def _squared_extent(self, control: FloatArray) -> float:
+        return float(self.extent @ (self._centred(control) ** 2).sum(axis=1))
+
 
 def motion_prior(kind: PriorKind, spacing_s: float, runs: tuple[tuple[int, int], ...], weight: float) -> MotionPrior:
     """The prior of a kind for a knot grid's runs (a, b), b - a intervals each."""
@@ -75,7 +104,13 @@ def motion_prior(kind: PriorKind, spacing_s: float, runs: tuple[tuple[int, int],
                 band[i - j, start + j : start + j + n] += per_interval[i, j]
         start += n + 3
     automatic = kind != "none"
-    return MotionPrior(derivative, spacing_s, lengths, weight if automatic else _REGULARISING, automatic, band)
+    weight = weight if automatic else _REGULARISING
+    return MotionPrior(derivative, spacing_s, lengths, weight, automatic, band, np.zeros(m), 0.0)
+
+
+def balanced(prior: MotionPrior, control: FloatArray, weight: float) -> MotionPrior:
+    """The prior with a weight, and with no pull on the size of the flight of these control points."""
+    return replace(prior, weight=weight, determined=weight * prior.energy(control))
 
 
 def automatic_weight(prior: MotionPrior, control: FloatArray, trace: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from skytrace.estimation.adjust.problem import (
     Weights,
 )
 from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
-from skytrace.estimation.priors import MotionPrior, automatic_weight, energy_trace, motion_prior
+from skytrace.estimation.priors import MotionPrior, automatic_weight, balanced, energy_trace, motion_prior
 from skytrace.estimation.scene import CameraState, Scene
 from skytrace.geometry.arrays import FloatArray, IntArray
 from skytrace.geometry.rigid import Rigid, nearest_rotation
@@ -72,13 +72,14 @@ def adjust(
     camera_ids = tuple(scene.cameras)
     problem, state, frames = build(scene, recordings, camera_ids)
     motion = motion_prior(settings.motion_prior, problem.grid.spacing_s, problem.grid.runs, 1.0)
+    motion = replace(motion, extent=_seen_by_two(problem, state))
     if previous is not None and previous.camera_ids == camera_ids:
         weights, common, first = previous.weights, previous.inflation, previous.motion.weight
     else:
         weights, common = estimate_weights(problem, state, frames, recordings, camera_ids, settings)
         first = motion.rank / max(motion.energy(state.control), 1e-300)
     if motion.automatic:
-        motion = motion.weighted(first)
+        motion = balanced(motion, state.control, first)
     priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
     total = 0
     solution = solve.Solution(state, np.inf, 0, False)
@@ -226,16 +227,33 @@ def estimate_weights(
     return Weights(sigma, slowest / rate, settings.loss_scale), common
 
 
+def _cameras_per_interval(problem: Problem, state: State) -> tuple[IntArray, IntArray]:
+    """Knot intervals (k,) in which the target was seen, and by how many cameras (k,)."""
+    o = problem.observations
+    time = state.clock[o.camera, 0] + state.clock[o.camera, 1] * o.tau_s
+    interval = np.floor(time / problem.grid.spacing_s).astype(np.int64)
+    moments = np.unique(np.stack([interval, o.camera]), axis=1)
+    return np.unique(moments[0], return_counts=True)
+
+
+def _seen_by_two(problem: Problem, state: State) -> FloatArray:
+    """1 for control points (m,) in the middle of intervals seen by two cameras, else 0."""
+    interval, cameras = _cameras_per_interval(problem, state)
+    middle_s = (interval[cameras >= 2] + 0.5).astype(np.float64) * problem.grid.spacing_s
+    first, _ = problem.grid.locate(middle_s)
+    first = first[first >= 0]
+    extent = np.zeros(problem.grid.n_control)
+    extent[first + 1] = extent[first + 2] = 1.0
+    return extent
+
+
 def _absorbed(problem: Problem, state: State) -> float:
     """How much more slow noise there is than the residuals show, because the trajectory follows it.
 
     Each moment has two measurements per camera in view and three unknowns: of slow errors, which the spline can follow,
     only the share (2 c - 3) / (2 c) remains in the residuals of c cameras.
     """
-    o = problem.observations
-    time = state.clock[o.camera, 0] + state.clock[o.camera, 1] * o.tau_s
-    moments = np.unique(np.stack([o.camera, np.round(time / problem.grid.spacing_s).astype(np.int64)]), axis=1)
-    _, cameras = np.unique(moments[1], return_counts=True)
+    _, cameras = _cameras_per_interval(problem, state)
     c = cameras[cameras >= 2]
     return float((2 * c).sum() / (2 * c - 3).sum()) if len(c) else 1.0
 
@@ -247,4 +265,4 @@ def reweighted(problem: Problem, state: State, priors: Priors, weights: Weights,
     equations = solve.assemble(problem, state, priors, weights, motion)
     factor = solve.eliminate(equations, 0.0)
     trace = energy_trace(motion, kernel.banded_inverse(factor.band))
-    return motion.weighted(automatic_weight(motion, state.control, trace))
+    return balanced(motion, state.control, automatic_weight(motion, state.control, trace))

@@ -12,8 +12,8 @@ from skytrace.estimation.priors import MotionPrior
 from skytrace.geometry.arrays import BoolArray, FloatArray
 
 _LARGEST_DAMPING = 1e8
-# Where clocks have moved all detections off a stretch of spline, the motion prior alone leaves a parabola free. This much
-# of the largest entry keeps the matrix definite; it damps the steps and does not move the minimum.
+# Where clocks have moved all detections off a stretch of spline, the motion prior alone leaves a parabola free. This
+# much of the largest entry keeps the matrix definite; it damps the steps and does not move the minimum.
 _RIDGE = 1e-12
 _WIDTH = 12  # four control points of three coordinates interact
 
@@ -56,7 +56,7 @@ def cost(problem: Problem, state: State, priors: Priors, weights: Weights, motio
         o.xy_px, predict(problem, state), o.camera, weights.sigma_px, weights.information, weights.loss_scale
     )
     pull = _prior_pull(state, priors)
-    return data + 0.5 * float((pull**2).sum()) + 0.5 * motion.weight * motion.energy(state.control)
+    return data + 0.5 * float((pull**2).sum()) + motion.cost(state.control)
 
 
 def _prior_precision(priors: Priors) -> FloatArray:
@@ -88,7 +88,7 @@ def assemble(problem: Problem, state: State, priors: Priors, weights: Weights, m
     camera = camera.reshape(n * N_PARAMETERS, -1)
     camera[np.diag_indices_from(camera)] += precision.ravel() ** 2
     gradient = gradient + pull * precision
-    spline_gradient = spline_gradient + motion.weight * motion.gradient(state.control)
+    spline_gradient = spline_gradient + motion.cost_gradient(state.control)
     # (c, m, 3, 16) -> (3 m, 16 c)
     coupling = np.moveaxis(coupling, 0, 2).reshape(3 * len(state.control), -1)
     band = spline_band(blocks) + motion.weight * motion.band()
