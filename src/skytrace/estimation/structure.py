@@ -30,7 +30,7 @@ class StructureSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Structure:
-    """Triangulated points (n, 3) at supported times (n,), the cameras that agree (n, c) and their best parallax (n,)."""
+    """Triangulated points (n, 3) at supported times (n,), the cameras that agree (n, c) and their parallax (n,)."""
 
     time_s: FloatArray
     point_in_world: FloatArray
