@@ -82,12 +82,14 @@ def test_a_tie_of_seeds() -> None:
     assert a.error_m.mean() == pytest.approx(b.error_m.mean(), rel=0.02)
 
 
-def test_the_order_of_cameras_does_not_matter() -> None:
-    simulated = simulate(presets["demo"], np.random.default_rng(5))
+@pytest.mark.parametrize("seed", [5, 6])
+def test_the_order_of_cameras_does_not_matter(seed: int) -> None:
+    """Another reference camera ends in the same place, by a small part of the deviation claimed."""
+    simulated = simulate(presets["demo"], np.random.default_rng(seed))
     turned = replace(simulated, recordings=simulated.recordings[::-1])
     a, b = compare(simulated, Config()), compare(turned, Config())
-    assert a.error_m.mean() == pytest.approx(b.error_m.mean(), rel=0.1)
     assert b.reconstruction.reference == simulated.recordings[-1].camera_id
+    assert abs(a.error_m.mean() - b.error_m.mean()) <= 0.1 * np.median(a.sigma_m)
 
 
 @pytest.mark.parametrize(

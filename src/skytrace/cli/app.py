@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import sys
 from collections.abc import Sequence
@@ -10,19 +11,18 @@ from typing import Annotated
 
 import typer
 
-from skytrace.errors import SkytraceError
+from skytrace.errors import InputError, SkytraceError
 
 app = typer.Typer(
     name="skytrace",
     help="3D flight trajectories, camera poses and clocks from unsynchronised cameras that see only the flying target.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-import_app = typer.Typer(no_args_is_help=True, help="Turn recordings of other programs into FLIGHT folders.")
+import_app = typer.Typer(help="Turn recordings of other programs into FLIGHT folders.")
 app.add_typer(import_app, name="import")
 
-INTERRUPTED = 130
+USAGE, INTERRUPTED = 2, 130
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -37,26 +37,45 @@ class MotionPrior(enum.StrEnum):
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line; every foreseen error becomes one message on stderr and an exit code."""
+    if not arguments:
+        with contextlib.redirect_stdout(sys.stderr):
+            _invoke(["--help"])
+        return USAGE
     try:
-        result = app(list(arguments), standalone_mode=False)
+        result = _invoke(arguments)
     except SkytraceError as error:
         print(f"skytrace: {error}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("skytrace: interrupted; nothing was written", file=sys.stderr)
-        return INTERRUPTED
+    except (KeyboardInterrupt, typer.Abort):
+        result = INTERRUPTED
     except typer.Exit as stop:
-        return stop.exit_code
-    except typer.Abort:
-        return INTERRUPTED
+        result = stop.exit_code
+    except SystemError as error:
+        # How Python reports an interrupt that reached it inside an extension module.
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        result = INTERRUPTED
+    except OSError as error:
+        # A folder that may not be searched, a disk that is full: nothing a traceback would help with.
+        if error.filename is None:
+            raise
+        print(f"skytrace: {error.filename}: {error.strerror}", file=sys.stderr)
+        return InputError.exit_code
     except Exception as error:
         # Click's usage errors know how to show themselves; anything else is a bug and keeps its traceback.
         show = getattr(error, "show", None)
         if show is None:
             raise
         show(file=sys.stderr)
-        return int(getattr(error, "exit_code", 2))
+        return int(getattr(error, "exit_code", USAGE))
+    # Some versions of typer turn Ctrl-C into Abort, others return its exit code.
+    if result == INTERRUPTED:
+        print("skytrace: interrupted; nothing half-written is left behind", file=sys.stderr)
     return int(result) if isinstance(result, int) else 0
+
+
+def _invoke(arguments: Sequence[str]) -> object:
+    return app(list(arguments), prog_name="skytrace", standalone_mode=False)
 
 
 def _version(value: bool) -> None:
@@ -78,11 +97,15 @@ def options(
 
 @app.command()
 def reconstruct(
-    flight: Annotated[Path, typer.Argument(help="Folder with flight.toml, or that file.")],
+    flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Folder with flight.toml, or that file.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="RUN folder to write.")],
     motion_prior: Annotated[MotionPrior, typer.Option(help="What the trajectory is held to.")] = MotionPrior.jerk,
-    no_rolling_shutter: Annotated[bool, typer.Option(help="Keep the readout times at their assumed values.")] = False,
-    fix_focal: Annotated[bool, typer.Option(help="Keep focal lengths and lenses as calibrated.")] = False,
+    no_rolling_shutter: Annotated[
+        bool, typer.Option("--no-rolling-shutter", help="Keep the readout times at their assumed values.")
+    ] = False,
+    fix_focal: Annotated[
+        bool, typer.Option("--fix-focal", help="Keep focal lengths and lenses as calibrated.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random sampling.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -93,10 +116,25 @@ def reconstruct(
 
 
 @app.command()
+def sync(
+    flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Folder with flight.toml, or that file.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="JSON file to write.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random sampling.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Find when each camera filmed, and how sure that is, without reconstructing anything."""
+    from skytrace.cli.sync import sync_command
+
+    sync_command(flight, output, seed, as_json)
+
+
+@app.command()
 def evaluate(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder written by reconstruct.")],
     truth: Annotated[Path | None, typer.Option(help="True positions, x y z in metres a row.")] = None,
-    rate: Annotated[float | None, typer.Option(min=0.001, help="Rows of the truth a second.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=0.001, help="Rows of the truth a second, where it has no column time_s.")
+    ] = None,
     positions: Annotated[Path | None, typer.Option(help="Known camera centres: CSV camera,x,y,z.")] = None,
     synchronisation: Annotated[
         Path | None, typer.Option(help="Known synchronisation: CSV camera,slope,intercept.")

@@ -11,21 +11,30 @@ from skytrace.cli.evaluate import evaluate_truth
 from skytrace.cli.reconstruct import describe, reconstruct_flight
 from skytrace.evaluation.table import format_table
 from skytrace.io.atomic import check_replaceable
-from skytrace.io.flight import read_flight
+from skytrace.io.flight import FLIGHT_FILE, read_flight
 from skytrace.pipeline.config import Config
 from skytrace.simulation import presets, simulate, write_flight
+
+_NAME = "skytrace demo"
 
 
 def demo_command(output: Path, seed: int) -> None:
     """Simulate, reconstruct blind, evaluate, print."""
     flight_folder, run_folder = output / "flight", output / "run"
     check_replaceable(run_folder)
-    if (flight_folder / "truth" / "scenario.json").is_file():  # an earlier demo's, not a user's recording
+    if _is_demo_flight(flight_folder):
         shutil.rmtree(flight_folder)
     simulated = simulate(presets["demo"], np.random.default_rng(seed))
-    flight = read_flight(write_flight(simulated, flight_folder, name="demo"))
-    print(f"simulated    {len(flight.cameras)} unsynchronised cameras in {flight_folder}")
-    print(describe(reconstruct_flight(flight, run_folder, Config()), run_folder))
-    assert flight.truth is not None  # the simulator always writes it
+    write_flight(simulated, flight_folder, name=_NAME)
+    print(f"simulated    {len(simulated.recordings)} unsynchronised cameras in {flight_folder}", flush=True)
+    print(describe(reconstruct_flight(flight_folder, run_folder, Config()), run_folder))
+    truth = read_flight(flight_folder).truth
+    assert truth is not None  # the simulator always writes it
     print("\nAgainst the truth, which the reconstruction never saw:")
-    print(format_table(evaluate_truth(run_folder, flight.truth)))
+    print(format_table(evaluate_truth(run_folder, truth)), end="")
+
+
+def _is_demo_flight(folder: Path) -> bool:
+    """Whether an earlier demo wrote a folder: a user's recordings and other simulations are not replaced."""
+    written = folder / FLIGHT_FILE, folder / "truth" / "scenario.json"
+    return all(f.is_file() for f in written) and written[0].read_text("utf-8").startswith(f'name = "{_NAME}"\n')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,13 +12,16 @@ from typing import Any
 import tomli_w
 
 from skytrace.cli.progress import StageClock, stages
+from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.settings import Freedom
 from skytrace.estimation.priors import PriorKind
 from skytrace.io.atomic import check_replaceable
-from skytrace.io.flight import Flight, read_flight
-from skytrace.io.run_folder import input_hashes, write_run
+from skytrace.io.flight import read_flight
+from skytrace.io.run_folder import input_hashes, json_text, write_run
 from skytrace.pipeline.config import Config
-from skytrace.pipeline.offline import Outcome
+from skytrace.pipeline.offline import Outcome, run
+from skytrace.pipeline.prepare import Prepared, prepare_flight
+from skytrace.pipeline.summary import summarise
 from skytrace.report import render_report
 
 _VERSIONED = ("skytrace", "numpy", "scipy", "numba", "poselib")
@@ -37,8 +39,8 @@ def reconstruct_command(
     """Read, reconstruct, write, print."""
     config = make_config(motion_prior, rolling_shutter, free_lens, seed)
     check_replaceable(output)
-    summary = reconstruct_flight(read_flight(flight), output, config)
-    print(json.dumps(summary) if as_json else describe(summary, output))
+    summary = reconstruct_flight(flight, output, config)
+    print(json_text(summary, ascii_only=True) if as_json else describe(summary, output))
 
 
 def make_config(motion_prior: PriorKind, rolling_shutter: bool, free_lens: bool, seed: int) -> Config:
@@ -52,15 +54,15 @@ def make_config(motion_prior: PriorKind, rolling_shutter: bool, free_lens: bool,
     )
 
 
-def reconstruct_flight(flight: Flight, output: Path, config: Config) -> dict[str, Any]:
-    """Reconstruct a flight, write the RUN folder and return its summary."""
-    from skytrace.pipeline.prepare import prepare_flight
-    from skytrace.pipeline.summary import summarise
-
+def reconstruct_flight(path: Path, output: Path, config: Config) -> dict[str, Any]:
+    """Reconstruct the FLIGHT at `path`, write the RUN folder and return its summary."""
     with stages() as clock:
-        clock.update("read", 1, 1)
+        flight = read_flight(path)
+        n = len(flight.cameras)
+        clock.update("read", n, n)
         prepared = prepare_flight(flight, config.clean)
-        clock.update("clean", 1, 1)
+        _require_detections(prepared)
+        clock.update("clean", n, n)
         hints_s = {c.camera_id: c.offset_s for c in flight.cameras if c.offset_s is not None}
         outcome = _run(prepared.recordings, config, hints_s, clock)
         summary = summarise(outcome, prepared, clock.timings_s)
@@ -74,9 +76,24 @@ def reconstruct_flight(flight: Flight, output: Path, config: Config) -> dict[str
     return summary
 
 
-def _run(recordings, config: Config, hints_s: Mapping[str, float], clock: StageClock) -> Outcome:
-    from skytrace.pipeline.offline import run
+def _require_detections(prepared: Prepared) -> None:
+    """Say what became of the detections where too few are left to begin."""
+    usable = [r.camera_id for r in prepared.recordings if r.n_detections]
+    if len(usable) >= 2:
+        return
+    counts: dict[str, float] = {}
+    for camera_id, dropped in prepared.dropped.items():
+        counts |= {f"{camera_id} detections": prepared.n_detections[camera_id]}
+        counts |= {f"{camera_id} dropped as {why}": n for why, n in dropped.items() if n}
+    raise ReconstructionError(
+        "clean",
+        "fewer than two cameras have usable detections",
+        counts=counts,
+        hint="Check the image sizes in the calibrations and the columns of the detections",
+    )
 
+
+def _run(recordings, config: Config, hints_s: Mapping[str, float], clock: StageClock) -> Outcome:
     stage = None
     for stage in run(recordings, config, hints_s=hints_s, progress=clock.update):
         clock.update(stage.name, stage.done, stage.total)
@@ -91,19 +108,22 @@ def versions() -> dict[str, str]:
 
 def describe(summary: Mapping[str, Any], output: Path) -> str:
     """A run in a few lines for people."""
+    n, arbitrary = len(summary["segments"]), summary["gauge"] == "arbitrary"
+    width = max(12, *map(len, summary["cameras"]))
     lines = [
-        f"covered      {summary['covered_s']:.1f} s in {len(summary['segments'])} segments",
-        f"gauge        {summary['gauge']} (times on the clock of {summary['reference']})",
-        f"{'camera':<12} {'used':>8} {'median px':>10} {'frames/s':>10}",
+        f"covered      {summary['covered_s']:.1f} s in {n} segment{'' if n == 1 else 's'}",
+        f"lengths      in {'an arbitrary unit' if arbitrary else 'metres'}",
+        f"times        in seconds on the clock of {summary['reference']}",
+        f"{'camera':<{width}} {'used':>8} {'median px':>10} {'frames/s':>10}",
     ]
     for camera_id, camera in summary["cameras"].items():
         if camera["registered"]:
             lines.append(
-                f"{camera_id:<12} {camera['n_used']:>8} {camera['reprojection_median_px']:>10.2f} "
+                f"{camera_id:<{width}} {camera['n_used']:>8} {camera['reprojection_median_px']:>10.2f} "
                 f"{camera['frame_rate_found_hz']:>10.4f}"
             )
         else:
-            lines.append(f"{camera_id:<12} left out: {camera['reason']}")
+            lines.append(f"{camera_id:<{width}} left out: {camera['reason']}")
     lines += [f"warning      {text}" for text in summary["warnings"]]
     lines.append(f"written to   {output} (open {output / 'report.html'})")
     return "\n".join(lines)

@@ -12,7 +12,7 @@ from math import factorial
 
 import numpy as np
 
-from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.arrays import BoolArray, FloatArray
 from skytrace.model.track import Recording
 
 
@@ -43,6 +43,12 @@ class ImagePath:
         """The same path on a clock that runs `factor` times as fast."""
         powers = np.array([3, 2, 1, 0])[:, None, None]
         return ImagePath(self.breaks_s * factor, self.coefficients / factor**powers)
+
+    def defined(self, camera_time_s: FloatArray) -> BoolArray:
+        """Whether the target was seen at camera times (n,)."""
+        piece = np.clip(np.searchsorted(self.breaks_s, camera_time_s, side="right") - 1, 0, len(self.breaks_s) - 2)
+        seen = np.isfinite(self.coefficients[0, :, 0])[piece]
+        return seen & (camera_time_s >= self.breaks_s[0]) & (camera_time_s <= self.breaks_s[-1])
 
     def evaluate(self, camera_time_s: FloatArray, derivative: int = 0) -> FloatArray:
         """Coordinates (n, 2), or their derivative per second, at camera times (n,)."""

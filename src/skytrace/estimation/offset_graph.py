@@ -92,6 +92,35 @@ class PairClock:
     weight: float
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class JointClocks:
+    """Clocks world time = offset + rate * camera time, their deviations, and each pair's disagreement with them."""
+
+    clocks: dict[int, tuple[float, float]]
+    deviations: dict[int, tuple[float, float]]  # of the offset in the middle of the camera's overlaps, and of the rate
+    disagreement_s: FloatArray  # (pairs,)
+
+
+def solve_clocks(pairs: Sequence[PairClock], cameras: Sequence[int], reference: int, rate_prior: float) -> JointClocks:
+    """`joint_clocks` of pairs whose weights are inverse variances, with the deviations that follow.
+
+    A pair known to sigma in its offset and to sigma_r in its rate has the weight 1 / (2 sigma^2) at the two times
+    sigma / sigma_r from its centre. Where pairs disagree by more than their deviations, those are taken to be larger.
+    """
+    solution = _solve(pairs, cameras, reference, 1 / rate_prior**2, 20)
+    z2 = np.array([2 * p.weight for p in pairs]) * solution.residual_s.reshape(-1, 2).mean(axis=1) ** 2
+    redundant = 2 * len(pairs) - 2 * (len(cameras) - 1)
+    scale = max(1.0, float(np.median(z2)) / _MEDIAN_CHI2) if redundant > 0 else 1.0
+    deviation = np.sqrt(np.maximum(np.diag(np.linalg.pinv(solution.normal, hermitian=True)), 0.0) * scale)
+    deviations = {reference: (0.0, 0.0)}
+    for c, k in solution.column.items():
+        deviations[c] = float(deviation[k]), float(deviation[k + 1])
+    return JointClocks(solution.clocks, deviations, np.abs(solution.residual_s).reshape(-1, 2).max(axis=1))
+
+
+_MEDIAN_CHI2 = 0.455
+
+
 def joint_clocks(
     pairs: Sequence[PairClock], cameras: Sequence[int], reference: int, rate_prior: float, iterations: int = 20
 ) -> tuple[dict[int, tuple[float, float]], FloatArray]:
@@ -101,6 +130,25 @@ def joint_clocks(
     Rates are held near one by a prior of deviation `rate_prior`; the reference has offset 0 and rate 1. Returns the
     clocks and the disagreement in seconds (n,) of each pair with them.
     """
+    information = (_ROBUST_SCALE_S / rate_prior) ** 2 * float(np.mean([p.weight for p in pairs]))
+    solution = _solve(pairs, cameras, reference, information, iterations)
+    return solution.clocks, np.abs(solution.residual_s).reshape(-1, 2).max(axis=1)
+
+
+_ROBUST_SCALE_S = 0.02  # disagreements beyond it lose their say
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Solution:
+    clocks: dict[int, tuple[float, float]]
+    residual_s: FloatArray  # (2 pairs,)
+    normal: FloatArray  # normal matrix of the unknowns
+    column: dict[int, int]  # camera -> column of its offset; its rate follows
+
+
+def _solve(
+    pairs: Sequence[PairClock], cameras: Sequence[int], reference: int, rate_information: float, iterations: int
+) -> _Solution:
     unknown = [c for c in cameras if c != reference]
     column = {c: 2 * k for k, c in enumerate(unknown)}
     centre = {
@@ -125,10 +173,10 @@ def joint_clocks(
             rhs.append(value)
             base.append(np.sqrt(p.weight))
     A, b, w = np.array(rows), np.array(rhs), np.array(base)
-    scale = 0.02  # seconds; disagreements beyond it lose their say
     robust = np.ones(len(b))
     x = np.zeros(2 * len(unknown))
-    prior = np.tile([0.0, (scale / rate_prior) ** 2 * float(np.mean(w**2))], len(unknown))
+    prior = np.tile([0.0, rate_information], len(unknown))
+    W = w[:, None]
     for _ in range(iterations):
         W = (w * robust)[:, None]
         x = np.linalg.lstsq(
@@ -136,9 +184,9 @@ def joint_clocks(
         )[0]
         residual = A @ x - b
         worst = np.abs(residual).reshape(-1, 2).max(axis=1).repeat(2)
-        robust = 1 / np.sqrt(1 + (worst / scale) ** 2)
+        robust = 1 / np.sqrt(1 + (worst / _ROBUST_SCALE_S) ** 2)
     clocks = {reference: (0.0, 1.0)}
     for c in unknown:
         a, slope = x[column[c]], x[column[c] + 1]
         clocks[c] = (float(a - slope * centre[c]), float(1 + slope))
-    return clocks, np.abs(A @ x - b).reshape(-1, 2).max(axis=1)
+    return _Solution(clocks, np.asarray(A @ x - b, np.float64), (W * A).T @ (W * A) + np.diag(prior), column)

@@ -52,8 +52,10 @@ def score_shifts(
 
 def peaks(score: FloatArray, shift: IntArray, count: int, separation: int) -> IntArray:
     """Indices of the best local maxima of scores (m,) at ascending shifts (m,), at least `separation` shifts apart."""
+    around = np.r_[-np.inf, score, -np.inf]
+    summits = np.flatnonzero((score >= around[:-2]) & (score >= around[2:]))
     chosen: list[int] = []
-    for i in np.argsort(score)[::-1]:
+    for i in summits[np.argsort(score[summits])[::-1]]:
         if all(abs(shift[i] - shift[j]) >= separation for j in chosen):
             chosen.append(int(i))
             if len(chosen) == count:

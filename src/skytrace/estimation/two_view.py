@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skytrace.estimation.correspond import ImagePath
+from skytrace.estimation.noise import inflation
 from skytrace.geometry import epipolar
 from skytrace.geometry.arrays import BoolArray, FloatArray
 from skytrace.geometry.rigid import Rigid, hat, so3_exp
@@ -40,17 +41,37 @@ class PairGeometry:
     overlap_s: float
     offset_sigma_s: float = np.inf  # formal, at the middle of the overlap
     rate_sigma: float = np.inf
+    misfit: float = np.inf  # see `misfit`
 
 
-def correspond(path0: ImagePath, path1: ImagePath, rate_hz: float, offset_s: float, rate: float) -> Correspondences:
-    """Correspondences at multiples of 1 / rate_hz of camera 0's time where both paths are defined."""
+_MISFIT_SCALE = 1e-3
+_SATURATION = 0.03
+_SMALLEST_THRESHOLD = 5e-4
+_LONGEST_CORRELATION_S = 10.0
+_BLOCK_S = 3.0
+_FOCAL_SIGMA = 0.007  # relative: what calibrations are commonly wrong by
+
+
+def correspond(
+    path0: ImagePath, path1: ImagePath, rate_hz: float, offset_s: float, rate: float, count: int | None = None
+) -> Correspondences:
+    """Correspondences at multiples of 1 / rate_hz of camera 0's time where both paths are defined.
+
+    With `count`, at most that many, evenly chosen.
+    """
+    time0 = common_times(path0, path1, rate_hz, offset_s, rate)
+    if count is not None and len(time0) > count:
+        time0 = time0[np.linspace(0, len(time0) - 1, count).round().astype(int)]
+    time1 = offset_s + rate * time0
+    return Correspondences(time0, time1, path0.evaluate(time0), path1.evaluate(time1), path1.evaluate(time1, 1))
+
+
+def common_times(path0: ImagePath, path1: ImagePath, rate_hz: float, offset_s: float, rate: float) -> FloatArray:
+    """The multiples (n,) of 1 / rate_hz of camera 0's time at which both paths are defined."""
     begin = max(path0.begin_s, (path1.begin_s - offset_s) / rate)
     end = min(path0.end_s, (path1.end_s - offset_s) / rate)
     time0 = np.arange(np.ceil(begin * rate_hz), np.floor(end * rate_hz) + 1) / rate_hz
-    time1 = offset_s + rate * time0
-    xy0, xy1 = path0.evaluate(time0), path1.evaluate(time1)
-    both = np.isfinite(xy0[:, 0]) & np.isfinite(xy1[:, 0])
-    return Correspondences(time0[both], time1[both], xy0[both], xy1[both], path1.evaluate(time1[both], 1))
+    return time0[path0.defined(time0) & path1.defined(offset_s + rate * time0)]
 
 
 def thin(pairs: Correspondences, count: int) -> Correspondences:
@@ -121,64 +142,167 @@ def refine(
     rate_prior: float,
     max_samples: int = 2000,
     iterations: int = 12,
+    nominal_rate: float | None = None,
+    adapt: bool = False,
 ) -> PairGeometry | None:
     """Minimise the Cauchy loss of the Sampson errors over rotation, baseline direction, offset and clock rate.
 
     One pass for each threshold (on the plane z = 1), the loss tightening from the first to the last; the rate is held
-    near the one given by a Gaussian prior of deviation `rate_prior`. Returns None when too little overlap remains.
+    near `nominal_rate`, by default the one given, by a Gaussian prior of deviation `rate_prior`. With `adapt` a further
+    pass tightens the loss to what the residuals allow. Returns None when too little overlap remains.
     """
-    nominal_rate = rate
-    cov = np.full((7, 7), np.inf)
-    pairs = correspond(path0, path1, rate_hz, offset_s, rate)
-    for threshold in thresholds:
-        damping = 1e-3
-        pairs = thin(correspond(path0, path1, rate_hz, offset_s, rate), max_samples)
+    prior = (rate if nominal_rate is None else nominal_rate, rate_prior)
+    model = _Model(pose, offset_s, rate)
+    fitted: tuple[float, float, FloatArray, FloatArray, Correspondences] | None = None
+    passes = [*thresholds, None] if adapt else [*thresholds]
+    for threshold in passes:
+        pairs = correspond(path0, path1, rate_hz, model.offset_s, model.rate, max_samples)
         if len(pairs) < 16:
             return None
+        if threshold is None:
+            error = _sampson_jacobian(model.pose, pairs, 0.0)[0]
+            threshold = float(np.clip(3 * 1.4826 * np.median(np.abs(error)), _SMALLEST_THRESHOLD, thresholds[-1]))
         centre = float(np.median(pairs.time0_s))
-        half_span = max(float(np.ptp(pairs.time0_s)) / 2, 1.0)
-        error, J = _sampson_jacobian(pose, pairs, centre)
-        for _ in range(iterations):
-            weight = 1 / (1 + (error / threshold) ** 2)
-            H = (J * weight[:, None]).T @ J / threshold**2
-            g = J.T @ (weight * error) / threshold**2
-            H[6, 6] += rate_prior**-2
-            g[6] += (rate - nominal_rate) * rate_prior**-2
-            cost = np.log1p((error / threshold) ** 2).mean() + ((rate - nominal_rate) / rate_prior) ** 2 / len(error)
-            step = -np.asarray(np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g), np.float64)
-            candidate = _step(pose, offset_s, rate, centre, step)
-            moved = thin(correspond(path0, path1, rate_hz, candidate[1], candidate[2]), max_samples)
-            if len(moved) < 16:
-                return None
-            moved_error, moved_J = _sampson_jacobian(candidate[0], moved, centre)
-            stray = (candidate[2] - nominal_rate) / rate_prior
-            moved_cost = np.log1p((moved_error / threshold) ** 2).mean() + stray**2 / len(moved_error)
-            if moved_cost < cost:
-                (pose, offset_s, rate), pairs, error, J = candidate, moved, moved_error, moved_J
-                damping = max(damping / 5, 1e-9)
-                if abs(step[5]) < 1e-6 and abs(step[6]) * half_span < 1e-6 and np.abs(step[:5]).max() < 1e-7:
-                    break
-            else:
-                damping *= 10
-                if damping > 1e6:
-                    break
-        weight = 1 / (1 + (error / threshold) ** 2)
-        sigma = max(1.4826 * float(np.median(np.abs(error))), 1e-9)
-        H = (J * weight[:, None]).T @ J / sigma**2
-        H[6, 6] += rate_prior**-2
-        cov = np.linalg.pinv(H)
-    pairs = correspond(path0, path1, rate_hz, offset_s, rate)
-    good = support(pose, pairs, 3 * thresholds[-1])
+        model, error, J, pairs = _descend(model, pairs, path1, centre, threshold, prior, iterations)
+        if len(pairs) < 16:
+            return None
+        fitted = threshold, centre, error, J, pairs
+    if fitted is None:
+        raise ValueError("thresholds: expected at least one")
+    last, centre, error, J, used = fitted
+    covariance = _covariance(model.pose, used, error, J, last, rate_prior)
+    overlap_s = len(common_times(path0, path1, rate_hz, model.offset_s, model.rate)) / rate_hz
+    pairs = correspond(path0, path1, rate_hz, model.offset_s, model.rate, max_samples)
+    good = support(model.pose, pairs, 3 * thresholds[-1])
     return PairGeometry(
-        pose,
-        offset_s,
-        rate,
+        model.pose,
+        model.offset_s,
+        model.rate,
         centre,
-        float(good.sum() / rate_hz),
-        len(pairs) / rate_hz,
-        float(np.sqrt(cov[5, 5])),
-        float(np.sqrt(cov[6, 6])),
+        float(good.mean() * overlap_s) if len(good) else 0.0,
+        overlap_s,
+        float(np.sqrt(covariance[5, 5])),
+        float(np.sqrt(covariance[6, 6])),
+        misfit(model.pose, pairs),
     )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Model:
+    """What `refine` estimates."""
+
+    pose: Rigid
+    offset_s: float
+    rate: float
+
+
+def _descend(
+    model: _Model,
+    pairs: Correspondences,
+    path1: ImagePath,
+    centre: float,
+    threshold: float,
+    rate_prior: tuple[float, float],
+    iterations: int,
+) -> tuple[_Model, FloatArray, FloatArray, Correspondences]:
+    """Levenberg-Marquardt steps at camera 0's times of the pairs; the model, its errors, Jacobian and pairs."""
+
+    def loss(error: FloatArray, rate: float) -> float:
+        return float(np.log1p((error / threshold) ** 2).mean() + ((rate - nominal) / deviation) ** 2 / len(error))
+
+    nominal, deviation = rate_prior
+    damping = 1e-3
+    half_span = max(float(np.ptp(pairs.time0_s)) / 2, 1.0)
+    error, J = _sampson_jacobian(model.pose, pairs, centre)
+    for _ in range(iterations):
+        weight = 1 / (1 + (error / threshold) ** 2)
+        H = (J * weight[:, None]).T @ J / threshold**2
+        g = J.T @ (weight * error) / threshold**2
+        H[6, 6] += deviation**-2
+        g[6] += (model.rate - nominal) * deviation**-2
+        step = -np.asarray(np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g), np.float64)
+        candidate = _Model(*_step(model.pose, model.offset_s, model.rate, centre, step))
+        moved = _moved(pairs, path1, candidate.offset_s, candidate.rate)
+        if len(moved) < 16:
+            break
+        moved_error, moved_J = _sampson_jacobian(candidate.pose, moved, centre)
+        if loss(moved_error, candidate.rate) < loss(error, model.rate):
+            model, pairs, error, J = candidate, moved, moved_error, moved_J
+            damping = max(damping / 5, 1e-9)
+            if abs(step[5]) < 1e-6 and abs(step[6]) * half_span < 1e-6 and np.abs(step[:5]).max() < 1e-7:
+                break
+        else:
+            damping *= 10
+            if damping > 1e6:
+                break
+    return model, error, J, pairs
+
+
+def _moved(pairs: Correspondences, path1: ImagePath, offset_s: float, rate: float) -> Correspondences:
+    """The same times of camera 0 paired with others of camera 1, where that is defined."""
+    time1 = offset_s + rate * pairs.time0_s
+    xy1 = path1.evaluate(time1)
+    seen = np.isfinite(xy1[:, 0])
+    if not seen.all():
+        time1, xy1 = time1[seen], xy1[seen]
+    time0, xy0 = (pairs.time0_s, pairs.xy0) if seen.all() else (pairs.time0_s[seen], pairs.xy0[seen])
+    return Correspondences(time0, time1, xy0, xy1, path1.evaluate(time1, 1))
+
+
+def _covariance(
+    pose: Rigid, pairs: Correspondences, error: FloatArray, J: FloatArray, threshold: float, rate_prior: float
+) -> FloatArray:
+    """Covariance (7, 7) of the refined parameters, from noise and from what the calibration may be wrong by.
+
+    Residuals that follow one another in time count as fewer. Focal lengths that were held although they are known to
+    `_FOCAL_SIGMA` only add what their deviation would have moved the parameters by.
+    """
+    weight = 1 / (1 + (error / threshold) ** 2)
+    sigma = max(1.4826 * float(np.median(np.abs(error))), 1e-9)
+    time_s = pairs.time0_s
+    step_s = max(float(np.median(np.diff(time_s))), 1e-9) if len(time_s) > 1 else 1.0
+    index = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
+    signed = np.column_stack([error, np.zeros_like(error)])
+    correlated = inflation(signed, index, sigma, 1 / step_s, _LONGEST_CORRELATION_S)
+    H = (J * weight[:, None]).T @ J
+    H[6, 6] += sigma**2 * correlated / rate_prior**2
+    inverse = np.linalg.pinv(H, hermitian=True)
+    moved = inverse @ ((J * weight[:, None]).T @ _focal_jacobian(pose, pairs)) * _FOCAL_SIGMA
+    formal = inverse * (sigma**2 * correlated)
+    spread = inverse @ _scatter(J * (weight * error)[:, None], time_s) @ inverse
+    # Where stretches of false detections remain, residuals pull together and the spread exceeds the formal figure.
+    larger = np.sqrt(np.maximum(np.diag(spread) / np.maximum(np.diag(formal), 1e-300), 1.0))
+    return formal * np.outer(larger, larger) + moved @ moved.T
+
+
+def _scatter(pull: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Second moment (k, k) of the residuals' pulls (n, k) on the parameters, summed in blocks of a few seconds."""
+    block = ((time_s - time_s[0]) // _BLOCK_S).astype(np.int64)
+    sums = np.zeros((int(block.max()) + 1, pull.shape[1]))
+    np.add.at(sums, block, pull)
+    used = max(len(np.unique(block)), 1)
+    return sums.T @ sums * used / max(used - pull.shape[1], 1)
+
+
+def _focal_jacobian(pose: Rigid, pairs: Correspondences) -> FloatArray:
+    """Derivatives (n, 2) of the Sampson errors by the relative errors of both focal lengths."""
+    x0, x1 = epipolar.homogeneous(pairs.xy0), epipolar.homogeneous(pairs.xy1)
+    E = epipolar.essential_matrix(pose)
+    line1, line0 = x0 @ E.T, x1 @ E
+    norm = np.sqrt(np.maximum((line1[:, :2] ** 2).sum(1) + (line0[:, :2] ** 2).sum(1), 1e-300))
+    # x^T E y is linear in either point, and a focal length scales the first two coordinates of one.
+    return np.column_stack([(line0[:, :2] * pairs.xy0).sum(1), (line1[:, :2] * pairs.xy1).sum(1)]) / norm[:, None]
+
+
+def misfit(pose: Rigid, pairs: Correspondences) -> float:
+    """Mean logarithmic loss of a pose: near 0 for exact pairs, 4 to 7 for a pose fitted to unrelated tracks.
+
+    Its scale is one milliradian, about what calibration errors leave; errors saturate, so that no outlier dominates.
+    """
+    error = np.abs(epipolar.sampson_error(epipolar.essential_matrix(pose), pairs.xy0, pairs.xy1))
+    depth0, depth1 = epipolar.relative_depths(pose, pairs.xy0, pairs.xy1)
+    error = np.where((depth0 > 0) & (depth1 > 0), np.minimum(error, _SATURATION), _SATURATION)
+    return float(np.log1p((error / _MISFIT_SCALE) ** 2).mean()) if len(pairs) else np.inf
 
 
 def _step(pose: Rigid, offset_s: float, rate: float, centre_s: float, step: FloatArray) -> tuple[Rigid, float, float]:

@@ -39,12 +39,12 @@ def atomic_folder(destination: Path | str, *, replace_run: bool = True) -> Itera
     check_replaceable(destination, replace_run)
     partial = _partial_path(destination, os.getpid())
     try:
-        destination.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(destination)
-        partial.mkdir()
-    except OSError as error:
-        raise InputError(destination, f"cannot be written: {error.strerror or error}") from None
-    try:
+        try:
+            destination.parent.mkdir(parents=True, exist_ok=True)
+            _remove_leftovers(destination)
+            partial.mkdir()
+        except OSError as error:
+            raise InputError(destination, f"cannot be written: {error.strerror or error}") from None
         yield partial
         _flush(partial)
         # What was there is looked at again: it may have changed while the content was made.
@@ -57,7 +57,16 @@ def atomic_folder(destination: Path | str, *, replace_run: bool = True) -> Itera
         raise
     finally:
         # After success the partial folder is gone, or holds the replaced run.
-        shutil.rmtree(partial, ignore_errors=True)
+        _remove(partial)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder to the end, also where Ctrl-C arrives while it is removed."""
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+    except KeyboardInterrupt:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def is_run_folder(path: Path) -> bool:
@@ -72,6 +81,11 @@ def is_run_folder(path: Path) -> bool:
 def check_replaceable(destination: Path | str, replace_run: bool = True) -> None:
     """Raise InputError, before any work is done, where `atomic_folder` would refuse this destination."""
     destination = Path(os.path.realpath(destination))
+    parent = next(p for p in (*destination.parents, Path()) if os.path.lexists(p))
+    if not parent.is_dir():
+        raise InputError(destination, f"cannot be written: {parent} is a file, not a folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise InputError(destination, f"cannot be written: no permission to write in {parent}")
     if not os.path.lexists(destination):
         return
     if not destination.is_dir():

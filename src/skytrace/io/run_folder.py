@@ -70,12 +70,12 @@ def write_run(
     """
     with atomic_folder(destination) as folder:
         _write(folder / TRAJECTORY, trajectory_csv(reconstruction))
-        _write(folder / CAMERAS, _json(cameras_table(reconstruction)))
-        _write(folder / SUMMARY, _json(summary))
+        _write(folder / CAMERAS, json_text(cameras_table(reconstruction)) + "\n")
+        _write(folder / SUMMARY, json_text(summary) + "\n")
         _write(folder / CONFIG, config_toml)
         if report_html is not None:
             _write(folder / REPORT, report_html)
-        _write(folder / MANIFEST, _json({**manifest, "format": RUN_FORMAT}))
+        _write(folder / MANIFEST, json_text({**manifest, "format": RUN_FORMAT}) + "\n")
 
 
 def input_hashes(paths: Iterable[Path | str]) -> dict[str, str]:
@@ -221,8 +221,9 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _json(value: Any) -> str:
-    return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+def json_text(value: Any, *, ascii_only: bool = False) -> str:
+    """A value as JSON. Numpy's types are allowed; numbers that are not finite, which JSON lacks, become null."""
+    return json.dumps(_plain(value), indent=2, ensure_ascii=ascii_only, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,8 @@ from skytrace.geometry.arrays import FloatArray, frozen_array
 from skytrace.io.table import TextTable, read_table
 from skytrace.io.text import read_text
 
+_MOST_EMPTY = 1000  # grid steps a time stamp, beyond which the stamps are surely in another unit
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TruthTrajectory:
@@ -46,6 +48,37 @@ def read_truth_trajectory(path: Path | str) -> TruthTrajectory:
             message = f"expected time_s to rise from row to row, got {time_s[row]:.9g}"
             raise InputError(path, message, line=int(table.line[row]))
     return TruthTrajectory(values[:, :3], time_s)
+
+
+def evenly_sampled(truth: TruthTrajectory) -> tuple[FloatArray, float]:
+    """Positions (n, 3) at a constant rate, and that rate in Hz: the median one of the truth's own time stamps.
+
+    Between neighbouring stamps a cubic spline is followed; inside gaps of more than 1.5 steps, and where the truth
+    has none, positions are NaN. Raises ValueError where there are no time stamps to go by, or far more gap than truth.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    if truth.time_s is None or len(truth.time_s) < 2:
+        raise ValueError("expected a truth with at least two time stamps")
+    known = np.isfinite(truth.position_m).all(axis=1)
+    if not known.any():
+        raise ValueError("expected a truth with positions, got none that is finite")
+    time_s, position = truth.time_s[known], truth.position_m[known]
+    step_s = float(np.median(np.diff(truth.time_s)))
+    n = np.floor((truth.time_s[-1] - truth.time_s[0]) / step_s + 1e-6) + 1
+    if n > _MOST_EMPTY * len(truth.time_s):
+        raise ValueError(f"{len(truth.time_s)} time stamps, mostly {step_s:g} s apart, spread over {n * step_s:g} s")
+    grid_s = truth.time_s[0] + step_s * np.arange(int(n))
+    even = np.full((len(grid_s), 3), np.nan)
+    begins = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 1.5 * step_s)
+    for stretch_s, place in zip(np.split(time_s, begins[1:]), np.split(position, begins[1:]), strict=True):
+        slack_s = 1e-6 * step_s
+        inside = (grid_s >= stretch_s[0] - slack_s) & (grid_s <= stretch_s[-1] + slack_s)
+        if len(stretch_s) > 1:
+            even[inside] = make_interp_spline(stretch_s, place, min(3, len(stretch_s) - 1))(grid_s[inside])
+        else:
+            even[inside] = place
+    return even, 1.0 / step_s
 
 
 def _trajectory_columns(table: TextTable) -> dict[str, int]:

@@ -18,7 +18,7 @@ _DETERMINED, _PARTLY = 0.3, 0.8  # posterior deviation over prior deviation
 _ODD_RATE = 5e-3
 _ODD_PRIORS = 3.0
 _UNEVEN_PX = 3.0
-_WEAK = 2e-3
+_WEAK = 1.5e-3
 
 
 def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, float]) -> dict[str, Any]:
@@ -133,6 +133,7 @@ def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, 
     reconstruction, out = outcome.reconstruction, []
     for camera_id, reason in reconstruction.unregistered.items():
         out.append(f"Camera {camera_id} is left out: {reason}.")
+    out += outcome.synchronisation.warnings
     given = {r.camera_id: r.frame_rate_hz for r in prepared.recordings}
     for camera_id, wander in outcome.wander.items():
         out.append(
