@@ -188,3 +188,15 @@ def test_datasets_need_their_files(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (result.code, result.out) == (3, "")
     assert "SKYTRACE_DATA" in result.message
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_flight_gives_in_vain_is_said(tmp_path: Path) -> None:
+    """Keys that are read but not used must not be swallowed."""
+    from skytrace.cli.reconstruct import unused_keys
+    from skytrace.io.flight import read_flight
+
+    assert skytrace("simulate", "-o", tmp_path / "flight", "--duration", 5).code == 0
+    path = tmp_path / "flight" / "flight.toml"
+    assert unused_keys(read_flight(path)) == []
+    path.write_text(path.read_text().replace('id = "cam1"', 'id = "cam1"\nreadout_s = 0.01', 1))
+    assert unused_keys(read_flight(path)) == ["readout_s of cam1 is not used by the reconstruction yet."]

@@ -16,7 +16,7 @@ from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.settings import Freedom
 from skytrace.estimation.priors import PriorKind
 from skytrace.io.atomic import check_replaceable
-from skytrace.io.flight import read_flight
+from skytrace.io.flight import Flight, read_flight
 from skytrace.io.run_folder import input_hashes, json_text, write_run
 from skytrace.pipeline.config import Config
 from skytrace.pipeline.offline import Outcome, run
@@ -66,6 +66,7 @@ def reconstruct_flight(path: Path, output: Path, config: Config) -> dict[str, An
         hints_s = {c.camera_id: c.offset_s for c in flight.cameras if c.offset_s is not None}
         outcome = _run(prepared.recordings, config, hints_s, clock)
         summary = summarise(outcome, prepared, clock.timings_s)
+        summary["warnings"] += unused_keys(flight)
         manifest = {"versions": versions(), "seed": config.seed, "inputs": input_hashes(flight.input_files)}
         settings = _without_none(config.as_dict())
         report = render_report(
@@ -99,6 +100,16 @@ def _run(recordings, config: Config, hints_s: Mapping[str, float], clock: StageC
         clock.update(stage.name, stage.done, stage.total)
     assert stage is not None  # run yields at least one stage or raises
     return stage.product
+
+
+def unused_keys(flight: Flight) -> list[str]:
+    """What the flight gives and the reconstruction does not use, in words."""
+    out = []
+    for name in ("position_m", "position_wgs84", "readout_s"):
+        cameras = [c.camera_id for c in flight.cameras if getattr(c, name) is not None]
+        if cameras:
+            out.append(f"{name} of {', '.join(cameras)} is not used by the reconstruction yet.")
+    return out
 
 
 def versions() -> dict[str, str]:
