@@ -1,0 +1,1 @@
+"""Measured tables of what the methods achieve: recordings, synchronisation, ablations."""
