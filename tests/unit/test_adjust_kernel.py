@@ -1,4 +1,4 @@
-"""The compiled loops against plain numpy: projections, derivatives, normal equations, banded inverse.
+"""The compiled loops over the detections: projections, what is not predicted, gauge invariance, cost.
 
 `random_problem` and `random_state` also serve the tests of what is built on the kernel.
 """
@@ -10,19 +10,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skytrace.estimation.adjust import kernel, solve
+from skytrace.estimation.adjust import solve
 from skytrace.estimation.adjust.problem import (
     N_PARAMETERS,
     KnotGrid,
     Observations,
+    Priors,
     Problem,
     State,
     Weights,
 )
+from skytrace.estimation.priors import motion_prior
 from skytrace.estimation.scene import CameraState
 from skytrace.geometry.rigid import Rigid, so3_exp
 from skytrace.model.camera import Intrinsics
-from skytrace.solvers import bspline
 
 STRONG = np.array([[0.19, -0.76, 2e-3, -1.5e-3, 0.94], [-0.25, 0.08, -3e-3, 2e-3, 0.0], [0.08, -0.2, 1e-3, 4e-3, -0.1]])
 SIZE = (1920, 1080)
@@ -71,20 +72,18 @@ def random_weights(rng, n_cameras=3):
     return Weights(rng.uniform(0.4, 2.0, n_cameras), rng.uniform(0.3, 1.0, n_cameras))
 
 
-def arguments(problem, state):
-    o, g = problem.observations, problem.grid
-    return (
-        o.camera, o.tau_s, o.row, state.rotation, state.centre, state.clock, state.lens, problem.calibration,
-        state.control, g.control_of_interval(), g.first_interval, g.spacing_s,
-    )  # fmt: skip
-
-
 def moved(state, camera_step=None, control_step=None):
     n, m = len(state.centre), len(state.control)
     return state.moved(
         np.zeros((n, N_PARAMETERS)) if camera_step is None else camera_step,
         np.zeros((m, 3)) if control_step is None else control_step,
     )
+
+
+def taken(observations, index):
+    """The observations of some indices, in their order."""
+    o = observations
+    return Observations(o.camera[index], o.tau_s[index], o.row[index], o.xy_px[index])
 
 
 def times_of(problem, state):
@@ -134,51 +133,6 @@ def test_outside_the_runs_and_behind_the_camera_nothing_is_predicted(rng, state)
     about_face[1] = np.diag([-1.0, 1.0, -1.0]) @ about_face[1]
     predicted = solve.predict(problem, replace(state, rotation=about_face))
     np.testing.assert_array_equal(np.isnan(predicted[:, 0]), problem.observations.camera == 1)
-    J = kernel.jacobian(*arguments(problem, replace(state, rotation=about_face)))
-    np.testing.assert_array_equal(np.isnan(J).any(axis=(1, 2)), problem.observations.camera == 1)
-
-
-# Sizes of a difference step for each camera parameter.
-_STEPS = np.array([1e-6] * 3 + [1e-5] * 3 + [1e-6] * 3 + [1e-6] * 4 + [1e-5] * 3)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_jacobian_equals_central_differences(seed):
-    rng = np.random.default_rng(seed)
-    state = random_state(rng)
-    problem = random_problem(rng, state)
-    J = kernel.jacobian(*arguments(problem, state))
-    assert J.shape == (len(problem.observations), 2, 19)
-    for k in range(19):
-        sides = []
-        for sign in (1, -1):
-            if k < N_PARAMETERS:
-                other = moved(state, camera_step=sign * _STEPS[k] * np.tile(np.eye(N_PARAMETERS)[k], (3, 1)))
-            else:  # all control points together move every point of the path alike
-                other = moved(state, control_step=sign * 1e-5 * np.tile(np.eye(3)[k - 16], (len(state.control), 1)))
-            sides.append(solve.predict(problem, other))
-        numeric = (sides[0] - sides[1]) / (2 * (_STEPS[k] if k < N_PARAMETERS else 1e-5))
-        largest = np.abs(numeric).max()
-        assert largest > 1
-        np.testing.assert_allclose(J[:, :, k], numeric, rtol=1e-5, atol=1e-7 * largest, err_msg=f"parameter {k}")
-
-
-def test_the_point_moves_the_projection_through_its_control_points(problem, state, rng):
-    """One control point moves a projection by its basis weight times the derivative by the point."""
-    J = kernel.jacobian(*arguments(problem, state))
-    first, u = problem.grid.locate(times_of(problem, state))
-    weights = bspline.basis(u)
-    for index in (0, 5, 14, 17, 23):
-        step = np.zeros_like(state.control)
-        step[index] = 1e-5 * rng.normal(size=3)
-        sides = [solve.predict(problem, moved(state, control_step=sign * step)) for sign in (1, -1)]
-        weight = np.zeros(len(first))
-        for k in range(4):
-            weight[first + k == index] = weights[first + k == index, k]
-        np.testing.assert_allclose(
-            (sides[0] - sides[1]) / 2, weight[:, None] * (J[:, :, 16:] @ step[index]), rtol=0, atol=1e-9
-        )
-        assert (weight > 0).any()
 
 
 def test_predictions_do_not_depend_on_the_world_frame_or_unit(problem, state, rng):
@@ -196,112 +150,74 @@ def test_predictions_do_not_depend_on_the_world_frame_or_unit(problem, state, rn
     np.testing.assert_allclose(scaled.centre[1], state.centre[1], rtol=0, atol=1e-12)
 
 
-def dense_jacobian(problem, state):
-    """(2 n, 16 c + 3 m): cameras first, then control points, coordinates interleaved."""
-    J = kernel.jacobian(*arguments(problem, state))
-    n, c, m = len(J), problem.n_cameras, len(state.control)
-    first, u = problem.grid.locate(times_of(problem, state))
-    weights = bspline.basis(u)
-    full = np.zeros((n, 2, 16 * c + 3 * m))
-    for i in range(n):
-        k = problem.observations.camera[i]
-        full[i, :, 16 * k : 16 * k + 16] = J[i, :, :16]
-        for d in range(4):
-            at = 16 * c + 3 * (first[i] + d)
-            full[i, :, at : at + 3] = weights[i, d] * J[i, :, 16:]
-    return full.reshape(2 * n, -1)
+def no_priors(n_cameras=3):
+    return Priors(np.zeros((n_cameras, N_PARAMETERS)), np.full((n_cameras, N_PARAMETERS), np.inf))
 
 
-def dense_normal_equations(problem, state, weights):
-    """(16 c + 3 m) square matrix and gradient of the robust cost, by matrix products."""
-    J = dense_jacobian(problem, state)
-    residual = solve.predict(problem, state) - problem.observations.xy_px
-    sigma, information = (a[problem.observations.camera] for a in (weights.sigma_px, weights.information))
-    s = (residual**2).sum(axis=1) / sigma**2
-    w = np.repeat(information / (sigma**2 * (1 + s / weights.loss_scale**2)), 2)
-    return J.T @ (w[:, None] * J), J.T @ (w * residual.ravel())
+def same_equations(a, b, tolerance=0.0):
+    for name in ("camera", "camera_gradient", "coupling", "band", "spline_gradient"):
+        expected = getattr(b, name)
+        np.testing.assert_allclose(getattr(a, name), expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
-def assert_relative(actual, expected, tolerance):
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * np.abs(expected).max())
-
-
-def test_normal_equations_equal_a_plain_dense_assembly(problem, state, rng):
-    weights = random_weights(rng)
-    H, g = dense_normal_equations(problem, state, weights)
-    camera, camera_gradient, coupling, blocks, spline_gradient = kernel.normal_equations(
-        *arguments(problem, state)[:3], problem.observations.xy_px, *arguments(problem, state)[3:],
-        weights.sigma_px, weights.information, weights.loss_scale,
-    )  # fmt: skip
-    c, m = problem.n_cameras, len(state.control)
-    for k in range(c):
-        own = slice(16 * k, 16 * k + 16)
-        assert_relative(camera[k], H[own, own], 1e-10)
-        assert_relative(camera_gradient[k], g[own], 1e-10)
-        assert_relative(coupling[k].reshape(3 * m, 16), H[16 * c :, own], 1e-10)
-        for other in range(c):
-            if other != k:
-                assert not H[own, 16 * other : 16 * other + 16].any()
-    spline = H[16 * c :, 16 * c :].reshape(m, 3, m, 3)
-    seen = np.zeros_like(spline, dtype=bool)
-    for i in range(m):
-        for d in range(4):
-            if i + d < m:
-                assert_relative(blocks[i, d], spline[i, :, i + d], 1e-10) if spline[i, :, i + d].any() else None
-                seen[i, :, i + d] = seen[i + d, :, i] = True
-            else:
-                assert not blocks[i, d].any()
-    assert not spline[~seen].any()
-    assert_relative(spline_gradient.ravel(), g[16 * c :], 1e-10)
-    # The band keeps the lower triangle of the same matrix.
-    band = solve.spline_band(blocks)
-    dense = H[16 * c :, 16 * c :]
-    for d in range(12):
-        assert_relative(band[d, : 3 * m - d], np.diag(dense, -d), 1e-10) if np.diag(dense, -d).any() else None
-        assert not band[d, 3 * m - d :].any()
-
-
-def test_what_is_not_predicted_does_not_enter_the_normal_equations(problem, state, rng):
-    weights = random_weights(rng)
-
-    def equations(p):
-        a = arguments(p, state)
-        return kernel.normal_equations(
-            *a[:3], p.observations.xy_px, *a[3:], weights.sigma_px, weights.information, weights.loss_scale
-        )
-
+def test_a_detection_outside_the_runs_does_not_enter_the_normal_equations(problem, state, rng):
+    weights, motion = random_weights(rng), motion_prior("jerk", SPACING_S, RUNS, 1e-3)
     o = problem.observations
-    lost = replace(
-        problem,
-        observations=Observations(
-            np.append(o.camera, 1), np.append(o.tau_s, 1e4), np.append(o.row, 0.5), np.vstack([o.xy_px, [[1.0, 2.0]]])
-        ),
+    lost = Observations(
+        np.append(o.camera, 2), np.append(o.tau_s, 1e4), np.append(o.row, 0.5), np.vstack([o.xy_px, [[1.0, 2.0]]])
     )
-    for with_lost, without in zip(equations(lost), equations(problem), strict=True):
-        np.testing.assert_array_equal(with_lost, without)
+    plain = solve.assemble(problem, state, no_priors(), weights, motion)
+    same_equations(
+        solve.assemble(replace(problem, observations=lost), state, no_priors(), weights, motion), plain, 1e-12
+    )
 
 
-def test_robust_cost_by_hand():
-    measured = np.zeros((4, 2))
-    predicted = np.array([[0.0, 0.0], [3.0, 4.0], [300.0, 400.0], [np.nan, np.nan]])
-    camera = np.array([0, 0, 1, 1])
-    sigma, information, c2 = np.array([1.0, 10.0]), np.array([1.0, 0.5]), 2.0**2
+def test_a_detection_behind_its_camera_does_not_enter_the_normal_equations(problem, state, rng):
+    weights, motion = random_weights(rng), motion_prior("jerk", SPACING_S, RUNS, 1e-3)
+    about_face = np.array(state.rotation)
+    about_face[1] = np.diag([-1.0, 1.0, -1.0]) @ about_face[1]
+    turned = replace(state, rotation=about_face)
+    others = np.flatnonzero(problem.observations.camera != 1)
+    without = replace(problem, observations=taken(problem.observations, others))
+    found = solve.assemble(problem, turned, no_priors(), weights, motion)
+    same_equations(found, solve.assemble(without, turned, no_priors(), weights, motion), 1e-12)
+    assert not found.camera_gradient[N_PARAMETERS : 2 * N_PARAMETERS].any()
+
+
+def test_the_order_of_the_detections_does_not_matter(problem, state, rng):
+    """Sorting makes the loops fast, not right: cameras and times may come in any order."""
+    weights, motion = random_weights(rng), motion_prior("jerk", SPACING_S, RUNS, 1e-3)
+    shuffled = taken(problem.observations, rng.permutation(len(problem.observations)))
+    same_equations(
+        solve.assemble(replace(problem, observations=shuffled), state, no_priors(), weights, motion),
+        solve.assemble(problem, state, no_priors(), weights, motion),
+        1e-12,
+    )
+
+
+@pytest.mark.parametrize("copies", [1, 3])
+def test_many_detections_in_one_interval_count_each(problem, state, rng, copies):
+    """Runs longer than a chunk, and of odd length: every detection adds its share once."""
+    weights, motion = random_weights(rng), motion_prior("jerk", SPACING_S, RUNS, 0.0)
+    o = problem.observations
+    repeated = np.repeat(np.arange(len(o)), 7 * copies)
+    plain = solve.assemble(problem, state, no_priors(), weights, motion)
+    found = solve.assemble(replace(problem, observations=taken(o, repeated)), state, no_priors(), weights, motion)
+    for name in ("camera", "camera_gradient", "coupling", "band", "spline_gradient"):
+        expected = 7 * copies * getattr(plain, name)
+        np.testing.assert_allclose(getattr(found, name), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_cost_by_hand(problem, state):
+    """Errors of 0, 5 px in a camera of 1 px, 500 px in one of 10 px that counts half, and one that is not predicted."""
+    predicted = solve.predict(problem, state)
+    first = np.searchsorted(problem.observations.camera, [0, 0, 1, 1]) + [0, 1, 0, 1]
+    picked = taken(problem.observations, first)
+    tau = np.array(picked.tau_s)
+    tau[3] = 1e4
+    xy = predicted[first] - [[0.0, 0.0], [3.0, 4.0], [300.0, 400.0], [0.0, 0.0]]
+    few = replace(problem, observations=replace(picked, tau_s=tau, xy_px=xy))
+    weights, c2 = Weights(np.array([1.0, 10.0, 1.0]), np.array([1.0, 0.5, 1.0])), 2.0**2
+    motion = motion_prior("jerk", SPACING_S, RUNS, 0.0)
     expected = 0.5 * c2 * (np.log1p(25 / c2) + 0.5 * np.log1p(2500 / c2) + 0.5 * np.log1p(100.0))
-    assert kernel.robust_cost(measured, predicted, camera, sigma, information, 2.0) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(("n", "width"), [(1, 1), (1, 4), (7, 4), (30, 4), (40, 12), (5, 12)])
-def test_banded_inverse_equals_the_band_of_the_dense_inverse(n, width, rng):
-    from scipy.linalg import cholesky_banded
-
-    L = np.tril(rng.normal(size=(n, n)))
-    L[np.subtract.outer(np.arange(n), np.arange(n)) >= width] = 0
-    L[np.diag_indices(n)] = rng.uniform(1, 2, n)
-    A = L @ L.T
-    band = np.zeros((width, n))
-    for d in range(min(width, n)):
-        band[d, : n - d] = np.diag(A, -d)
-    Z = kernel.banded_inverse(cholesky_banded(band, lower=True))
-    inverse = np.linalg.inv(A)
-    for d in range(min(width, n)):
-        np.testing.assert_allclose(Z[d, : n - d], np.diag(inverse, -d), rtol=0, atol=1e-9 * np.abs(inverse).max())
+    assert solve.cost(few, state, no_priors(), weights, motion) == pytest.approx(expected, rel=1e-9)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 from test_adjust_kernel import (
     RUNS,
     SPACING_S,
-    dense_normal_equations,
     moved,
     random_problem,
     random_state,
     random_weights,
 )
 
-from skytrace.estimation.adjust import solve
+from skytrace.estimation.adjust import normal, solve
 from skytrace.estimation.adjust.problem import (
     CENTRE,
     CLOCK,
@@ -28,6 +28,7 @@ from skytrace.estimation.adjust.problem import (
 )
 from skytrace.estimation.priors import motion_prior
 from skytrace.geometry.rigid import so3_log
+from skytrace.pipeline import summary
 
 DEVIATION = np.r_[[np.inf] * 7, 1e-2, 5e-3, 0.02, 0.005, 0.01, 0.01, 0.05, 0.1, 0.1]
 
@@ -48,16 +49,22 @@ def weak_motion(weight=1e-12):
 
 def dense_of(equations):
     """The whole symmetric matrix, its gradient and the constraint on the camera step."""
-    p, size = len(equations.camera), equations.band.shape[1]
+    p, size = len(equations.camera), len(equations.band)
     spline = np.zeros((size, size))
     for d in range(12):
-        spline += np.diag(equations.band[d, : size - d], -d)
+        spline += np.diag(equations.band[: size - d, d], -d)
         if d:
-            spline += np.diag(equations.band[d, : size - d], d)
-    H = np.block([[equations.camera, equations.coupling.T], [equations.coupling, spline]])
+            spline += np.diag(equations.band[: size - d, d], d)
+    coupling = coupling_of(equations)
+    H = np.block([[equations.camera, coupling.T], [coupling, spline]])
     constraint = np.zeros(p + size)
     constraint[:p] = equations.scale_constraint
     return H, np.concatenate([equations.camera_gradient, equations.spline_gradient]), constraint
+
+
+def coupling_of(equations):
+    """Columns of the coupling by unknown."""
+    return equations.coupling[:, equations.column >= 0]
 
 
 def kkt(A, b, d):
@@ -90,13 +97,13 @@ def test_a_constrained_solve_is_the_kkt_solve(rng):
     A, d = L @ L.T, rng.normal(size=9)
     d /= np.linalg.norm(d)
     for b in (A @ rng.normal(size=9), A @ rng.normal(size=(9, 4))):
-        x = solve.constrained_solve(A, b, d)
+        x = normal.constrained_solve(A, b, d)
         scale = np.sqrt(np.diag(A))
         expected = kkt(A / np.outer(scale, scale), (b.T / scale).T, d / scale)
         np.testing.assert_allclose((x.T * scale).T, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
         np.testing.assert_allclose(d @ x, 0, rtol=0, atol=1e-9 * np.abs(x).max())
     b = A @ rng.normal(size=9)
-    np.testing.assert_allclose(A @ solve.constrained_solve(A, b, None), b, rtol=0, atol=1e-9 * np.abs(b).max())
+    np.testing.assert_allclose(A @ normal.constrained_solve(A, b, None), b, rtol=0, atol=1e-9 * np.abs(b).max())
 
 
 def test_a_constrained_solve_needs_no_more_than_definiteness_on_the_plane(rng):
@@ -105,36 +112,10 @@ def test_a_constrained_solve_needs_no_more_than_definiteness_on_the_plane(rng):
     plane = np.linalg.svd(d[None])[2][1:].T
     A = plane @ np.diag(rng.uniform(1, 3, 5)) @ plane.T  # singular along d
     b = rng.normal(size=6)
-    x = solve.constrained_solve(A, b, d)
+    x = normal.constrained_solve(A, b, d)
     np.testing.assert_allclose(x, plane @ np.linalg.solve(plane.T @ A @ plane, plane.T @ b), rtol=0, atol=1e-9)
     with pytest.raises(np.linalg.LinAlgError):
-        solve.constrained_solve(-A, b, d)
-
-
-def test_assembly_adds_the_priors_to_the_dense_normal_equations(rng, state, noisy):
-    off = 0.3 * DEVIATION * rng.normal(size=(3, N_PARAMETERS))
-    off[:, :7] = 0
-    priors, weights, motion = priors_about(state, off), random_weights(rng), weak_motion(1e-3)
-    H, g, _ = dense_of(solve.assemble(noisy, state, priors, weights, motion))
-    expected, gradient = dense_normal_equations(noisy, state, weights)
-    held = np.isfinite(DEVIATION)
-    for c in range(3):
-        own = 16 * c + np.flatnonzero(held & (priors.deviation[c] > 0))
-        deviation = priors.deviation[c][held & (priors.deviation[c] > 0)]
-        expected[own, own] += deviation**-2
-        gradient[own] -= off[c][held & (priors.deviation[c] > 0)] / deviation**2
-    m = len(state.control)
-    for i in range(m):  # the energy's matrix, column by column
-        unit = np.zeros((m, 3))
-        unit[i] = 1.0
-        column = motion.weight * motion.gradient(unit)[:, 0]
-        for axis in range(3):
-            expected[48 + axis :: 3, 48 + 3 * i + axis] += column
-    gradient[48:] += motion.weight * motion.gradient(state.control).ravel()
-    keep = np.r_[priors.free.ravel(), np.ones(3 * m, bool)]
-    np.testing.assert_allclose(H, expected[np.ix_(keep, keep)], rtol=0, atol=1e-10 * np.abs(expected).max())
-    np.testing.assert_allclose(g, gradient[keep], rtol=0, atol=1e-10 * np.abs(gradient).max())
-    assert len(g) == 48 - 8 + 3 * m
+        normal.constrained_solve(-A, b, d)
 
 
 def test_the_gradient_is_the_slope_of_the_cost(rng, state, noisy):
@@ -173,7 +154,7 @@ def test_a_step_is_the_dense_solution_of_the_whole_damped_system(equations, damp
     scale = np.sqrt(np.diag(H))
     damped = (H + damping * np.diag(np.diag(H))) / np.outer(scale, scale)
     expected = kkt(damped, -g / scale, constraint / scale)
-    camera, spline = solve.step(equations, solve.eliminate(equations, damping))
+    camera, spline = normal.step(equations, normal.eliminate(equations, damping))
     found = np.concatenate([camera, spline]) * scale
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
     assert abs(constraint[: len(camera)] @ camera) < 1e-9 * np.linalg.norm(camera)
@@ -190,10 +171,34 @@ def test_the_scale_direction_changes_the_unit_of_length_and_nothing_else(equatio
     assert not direction.any()
 
 
+def test_parameters_of_one_unknown_move_together(equations, rng):
+    """Two cameras of one lens: the system is that of the sum of their columns."""
+    p = len(equations.camera)
+    own = np.arange(p)
+    own[equations.column[16 + 9]] = own[equations.column[32 + 9]]  # the focal lengths of the second and third camera
+    _, own = np.unique(own, return_inverse=True)
+    S = np.zeros((p, p - 1))
+    S[np.arange(p), own] = 1
+    tied = replace(
+        equations,
+        camera=S.T @ equations.camera @ S,
+        camera_gradient=S.T @ equations.camera_gradient,
+        column=np.where(equations.column >= 0, own[equations.column], -1),
+        scale_constraint=equations.scale_constraint @ S,
+    )
+    H, g, constraint = dense_of(equations)
+    T = np.block([[S, np.zeros((p, len(H) - p))], [np.zeros((len(H) - p, p - 1)), np.eye(len(H) - p)]])
+    scale = np.sqrt(np.diag(T.T @ H @ T))
+    expected = kkt(T.T @ H @ T / np.outer(scale, scale), -(g @ T) / scale, constraint @ T / scale)
+    camera, spline = normal.step(tied, normal.eliminate(tied, 0.0))
+    found = np.concatenate([camera, spline]) * scale
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
 def test_an_indefinite_spline_block_is_an_error(equations):
     broken = replace(equations, band=-equations.band)
     with pytest.raises(np.linalg.LinAlgError):
-        solve.eliminate(broken, 0.0)
+        normal.eliminate(broken, 0.0)
 
 
 def perturbed(state, rng, size=1.0):
@@ -316,7 +321,126 @@ def test_running_out_of_iterations_is_no_convergence(rng, state, monkeypatch):
     found = solve.minimise(problem, start, priors_about(state), random_weights(rng), weak_motion(), max_iterations=3)
     assert found.iterations == 3
     assert found.state is start
+    assert found.ending == "iterations"
     assert not found.converged
+
+
+def lost(equations, factor):
+    return np.full(len(equations.camera), np.nan), np.zeros(len(equations.coupling))
+
+
+def backwards(equations, factor):
+    camera, spline = normal.step(equations, factor)
+    return -camera, -spline
+
+
+def wild(equations, factor):
+    """Focal lengths beyond what floating point holds."""
+    return np.full(len(equations.camera), 1e6), np.zeros(len(equations.coupling))
+
+
+@pytest.mark.parametrize("wrong", [lost, wild])
+def test_a_step_that_is_no_number_is_not_accepted(rng, state, monkeypatch, wrong):
+    problem = random_problem(rng, state, noise_px=1.0)
+    start = perturbed(state, rng)
+    calls = []
+
+    def sometimes(equations, factor):
+        calls.append(len(calls) % 2)
+        return (wrong if calls[-1] == 0 else normal.step)(equations, factor)
+
+    monkeypatch.setattr(solve, "step", sometimes)
+    arguments = problem, start, priors_about(state), random_weights(rng), weak_motion(1e-2)
+    found = solve.minimise(*arguments, max_iterations=200, tolerance=1e-6)
+    assert len(calls) > 3
+    assert found.state.finite
+    assert found.converged
+    assert found.cost < 0.5 * solve.cost(*arguments)
+
+
+def test_losing_a_hopeless_camera_is_not_an_improvement(rng, state, monkeypatch):
+    """A pose of no numbers predicts nothing, which costs less than what the camera measured."""
+    problem = random_problem(rng, state)
+    hopeless = np.where((problem.observations.camera == 1)[:, None], 1e6, problem.observations.xy_px)
+    problem = replace(problem, observations=replace(problem.observations, xy_px=hopeless))
+    weights, motion = random_weights(rng), weak_motion(1e-12)
+    priors = priors_about(state)
+    nowhere = np.array(state.rotation)
+    nowhere[1] = np.nan
+    lower = solve.cost(problem, replace(state, rotation=nowhere), priors, weights, motion)
+    assert lower < solve.cost(problem, state, priors, weights, motion)
+
+    def turned_away(equations, factor):
+        camera, spline = np.zeros(len(equations.camera)), np.zeros(len(equations.coupling))
+        camera[equations.column[16:19]] = np.nan
+        return camera, spline
+
+    monkeypatch.setattr(solve, "step", turned_away)
+    found = solve.minimise(problem, state, priors, weights, motion, max_iterations=5)
+    assert found.state is state
+
+
+def test_a_step_without_numbers_is_no_solution(equations):
+    spoilt = replace(equations, camera_gradient=np.full_like(equations.camera_gradient, np.nan))
+    with pytest.raises(np.linalg.LinAlgError):
+        normal.step(spoilt, normal.eliminate(spoilt, 0.0))
+
+
+def test_only_steps_that_raise_the_cost_are_divergence(rng, state, monkeypatch):
+    problem = random_problem(rng, state, noise_px=1.0)
+    start = perturbed(state, rng)
+    monkeypatch.setattr(solve, "step", backwards)
+    # Uphill steps promise nothing; what the linearisation promises is told by the true step.
+    monkeypatch.setattr(solve, "_promised", lambda *a: 1.0)
+    found = solve.minimise(
+        problem, start, priors_about(state), random_weights(rng), weak_motion(1e-2), max_iterations=100
+    )
+    assert found.ending == "no acceptable step"
+    assert not found.converged
+    assert found.state is start
+    assert found.iterations < 20
+
+
+def test_a_start_without_a_cost_is_divergence(rng, state):
+    problem = random_problem(rng, state, noise_px=1.0)
+    for spoil in (np.nan, np.inf):
+        lens = np.array(state.lens)
+        lens[1, 0] = spoil
+        start = replace(state, lens=lens)
+        found = solve.minimise(problem, start, priors_about(state), random_weights(rng), weak_motion(1e-2))
+        assert found.ending == "not finite"
+        assert found.state is start
+        assert not found.converged
+    xy = np.array(problem.observations.xy_px)
+    xy[7, 0] = np.nan
+    spoilt = replace(problem, observations=replace(problem.observations, xy_px=xy))
+    found = solve.minimise(spoilt, state, priors_about(state), random_weights(rng), weak_motion(1e-2))
+    assert found.ending == "not finite"
+
+
+def test_equations_without_a_solution_are_divergence(rng, state, monkeypatch):
+    problem = random_problem(rng, state, noise_px=1.0)
+
+    def never(equations, damping):
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr(solve, "eliminate", never)
+    found = solve.minimise(
+        problem, state, priors_about(state), random_weights(rng), weak_motion(1e-2), max_iterations=100
+    )
+    assert found.ending == "singular"
+    assert found.state is state
+
+
+def test_a_cost_below_zero_settles_too(rng, state):
+    """The motion prior's term for the size of the flight has any sign, as it depends on the unit of length."""
+    problem = random_problem(rng, state, noise_px=0.1)
+    motion = replace(weak_motion(1e-9), extent=np.ones(len(state.control)), determined=20.0)
+    arguments = problem, perturbed(state, rng, 0.1), priors_about(state), random_weights(rng), motion
+    found = solve.minimise(*arguments, max_iterations=100, tolerance=1e-6)
+    assert found.cost < 0
+    assert found.converged
+    assert found.iterations < 10
 
 
 def test_starting_at_the_minimum_is_convergence(rng, state):
@@ -326,3 +450,8 @@ def test_starting_at_the_minimum_is_convergence(rng, state):
     )
     assert found.cost == 0
     assert found.converged
+
+
+def test_every_ending_but_convergence_is_told_to_the_user():
+    assert set(summary._ENDINGS) == set(get_args(solve.Ending)) - {"converged"}
+    assert all("diverged" in words for ending, words in summary._ENDINGS.items() if ending != "iterations")

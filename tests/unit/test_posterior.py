@@ -129,7 +129,9 @@ def test_position_deviations_equal_those_of_the_dense_inverse_after_alignment(ad
     plain = knot_map(len(adjusted.state.control), p)[0][:, p:]
     local = np.einsum("ij,jk,ik->i", plain, np.linalg.inv(spline), plain)
     # Given the cameras the spline follows by regression: unknowns = [1; -S^-1 coupling] camera.
-    follow = np.vstack([np.eye(p), -np.linalg.solve(spline, equations.coupling)])
+    coupling, used = np.zeros((len(spline), p)), equations.column >= 0
+    np.add.at(coupling.T, equations.column[used], equations.coupling[:, used].T)
+    follow = np.vstack([np.eye(p), -np.linalg.solve(spline, coupling)])
     cameras = deviations(K @ follow, covariance[:p, :p]) ** 2
     sigma = np.sqrt(7.0 * (local + cameras).reshape(-1, 3).sum(axis=1))
     np.testing.assert_allclose(found.knot_sigma, sigma, rtol=1e-6)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skytrace.estimation.adjust import kernel
 from skytrace.estimation.adjust.driver import Adjusted, mean_camera_time_s
+from skytrace.estimation.adjust.reference import image_velocity
 from skytrace.geometry.arrays import FloatArray
 from skytrace.model.track import Recording, Track
 
@@ -40,17 +40,14 @@ class Wander:
 
 def find_wander(adjusted: Adjusted, settings: WanderSettings) -> dict[str, Wander]:
     """The cameras whose clocks wander, with their corrections; cameras that run evenly are absent."""
-    o, g, s = adjusted.problem.observations, adjusted.problem.grid, adjusted.state
-    jacobian = kernel.jacobian(
-        o.camera, o.tau_s, o.row, s.rotation, s.centre, s.clock, s.lens, adjusted.problem.calibration,
-        s.control, g.control_of_interval(), g.first_interval, g.spacing_s,
-    )  # fmt: skip
+    o = adjusted.problem.observations
+    velocity_px_s = image_velocity(adjusted.problem, adjusted.state)
     found = {}
     for i, camera_id in enumerate(adjusted.camera_ids):
         own = (o.camera == i) & np.isfinite(adjusted.residual_px[:, 0])
         if i == adjusted.problem.reference or own.sum() < 20:
             continue
-        velocity, residual = jacobian[own, :, 6], adjusted.residual_px[own]
+        velocity, residual = velocity_px_s[own], adjusted.residual_px[own]
         wander = estimate_wander(o.tau_s[own], residual, velocity, float(adjusted.weights.sigma_px[i]), settings)
         if wander.rms_s > settings.min_wander_s and wander.gain > settings.min_gain:
             found[camera_id] = wander

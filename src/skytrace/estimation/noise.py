@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from skytrace.estimation.adjust.losses import LOSSES, LossKind
 from skytrace.geometry.arrays import FloatArray, IntArray
 from skytrace.solvers.correlation import autocorrelation
 
@@ -25,20 +26,21 @@ def inflation(
     frame_rate_hz: float,
     longest_s: float = 3.0,
     loss_scale: float = 2.0,
+    loss: LossKind = "cauchy",
 ) -> float:
     """How many frames' residuals (n, 2) at frames (n,) carry the information of one: 1 + 2 sum of autocorrelations.
 
     The sum runs over lags up to the first that is not positive (Geyer, "Practical Markov chain Monte Carlo", 1992), at
-    most `longest_s`. What counts is the pull of a residual on the estimate, residual / (1 + (residual / scale)^2) under
-    the Cauchy loss of `loss_scale` deviations, so outliers neither hide nor feign correlation (the middle of Huber's
-    sandwich, "The behavior of maximum likelihood estimates under nonstandard conditions", 1967).
+    most `longest_s`. What counts is the pull of a residual on the estimate, residual times its weight under the loss
+    of `loss_scale` deviations, so outliers neither hide nor feign correlation (the middle of Huber's sandwich, "The
+    behavior of maximum likelihood estimates under nonstandard conditions", 1967).
     """
     finite = np.isfinite(residual_px[:, 0])
     if finite.sum() < 10:
         return 1.0
     position = frame[finite] - frame[finite].min()
     pull = residual_px[finite] / sigma_px
-    pull = pull / (1 + (pull**2).sum(axis=1, keepdims=True) / loss_scale**2)
+    pull = pull * LOSSES[loss].weight((pull**2).sum(axis=1, keepdims=True), loss_scale**2)
     # Very long recordings are judged by the stretch that fits; correlations are local.
     within = position < 2_000_000
     position, pull = position[within], pull[within]

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skytrace.estimation.adjust import kernel, solve
+from skytrace.estimation.adjust import banded, normal, solve
 from skytrace.estimation.adjust.driver import Adjusted
-from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS, N_PARAMETERS
+from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS, OFFSET, RATE, columns_of
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.geometry.rigid import hat
 
@@ -49,22 +49,19 @@ def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray, supported: Boo
     """
     problem, state = adjusted.problem, adjusted.state
     equations = solve.assemble(problem, state, adjusted.priors, adjusted.weights, adjusted.motion)
-    factor = solve.eliminate(equations, 0.0)
-    identity = np.eye(len(factor.reduced))
-    covariance = solve.constrained_solve(factor.reduced, identity, equations.scale_constraint)
+    factor = normal.eliminate(equations, 0.0)
+    p = len(factor.reduced)
+    covariance = normal.constrained_solve(factor.reduced, np.eye(p), equations.scale_constraint)
 
     first, weights = knot_weights(adjusted.motion.run_lengths)
-    local = _knot_variances(kernel.banded_inverse(factor.band), first, weights)
-    solved = factor.solved_coupling.reshape(len(state.control), 3, -1)
-    response = -np.einsum(
-        "w,kwap->kap", weights, solved[first[:, None] + np.arange(3)], optimize=True
-    )  # (knots, 3, p) of positions to cameras
-    positions = np.einsum("w,kwa->ka", weights, state.control[first[:, None] + np.arange(3)])
+    local = _knot_variances(banded.inverse_band(factor.band), first, weights)
+    follows = factor.solved_coupling().reshape(len(state.control), 3, p)
+    response = -_at_knots(follows, first, weights)  # (knots, 3, p) of positions to cameras
+    positions = _at_knots(state.control, first, weights)
 
-    free = adjusted.priors.free
-    centres = np.zeros((problem.n_cameras, N_PARAMETERS, free.sum()))
-    centres.reshape(-1, free.sum())[free.ravel()] = np.eye(free.sum())
-    centres = centres[:, CENTRE]  # (c, 3, p)
+    column = columns_of(adjusted.priors.free)
+    # The row of the last unknown's successor is zero: that of whatever is held fixed.
+    centres = np.vstack([np.eye(p), np.zeros((1, p))])[column[:, CENTRE]]  # (c, 3, p)
     variance = (local + _quadratic(response, covariance)).sum(axis=1)
     known = supported & (variance <= _WILD * np.median(variance[supported])) if supported.any() else supported
     alignment = _alignment_response(positions[known], response[known])  # (7, p)
@@ -73,13 +70,12 @@ def posterior(adjusted: Adjusted, mean_camera_time_s: FloatArray, supported: Boo
 
     camera_variance = _quadratic(response, covariance)
     inflation = adjusted.inflation
-    deviation = np.zeros((problem.n_cameras, N_PARAMETERS))
-    deviation[free] = np.sqrt(np.maximum(np.diag(covariance), 0) * inflation)
+    deviation = np.append(np.sqrt(np.maximum(np.diag(covariance), 0) * inflation), 0.0)[column]
     return Posterior(
         np.sqrt(np.maximum((local + camera_variance).sum(axis=1), 0) * inflation),
         np.sqrt(np.maximum(_quadratic(centres, covariance), 0) * inflation),
         deviation[:, CLOCK],
-        _offset_deviation(covariance, free, mean_camera_time_s) * np.sqrt(inflation),
+        _offset_deviation(covariance, column, mean_camera_time_s) * np.sqrt(inflation),
         deviation[:, LENS],
     )
 
@@ -89,14 +85,19 @@ def _quadratic(response: FloatArray, covariance: FloatArray) -> FloatArray:
     return ((response @ covariance) * response).sum(axis=-1)
 
 
+def _at_knots(control: FloatArray, first: IntArray, weights: FloatArray) -> FloatArray:
+    """Values (k, ...) at knots of a spline with control points (m, ...)."""
+    return sum((w * control[first + i] for i, w in enumerate(weights)), np.zeros(()))
+
+
 def _knot_variances(inverse_band: FloatArray, first: IntArray, weights: FloatArray) -> FloatArray:
-    """Variances (k, 3) of the positions at knots from the band of the inverse."""
+    """Variances (k, 3) of the positions at knots from the band (3 m, 12) of the inverse."""
     out = np.zeros((len(first), 3))
     for axis in range(3):
         for i, wi in enumerate(weights):
             for j, wj in enumerate(weights):
                 low, high = min(i, j), max(i, j)
-                out[:, axis] += wi * wj * inverse_band[3 * (high - low), 3 * (first + low) + axis]
+                out[:, axis] += wi * wj * inverse_band[3 * (first + low) + axis, 3 * (high - low)]
     return out
 
 
@@ -113,17 +114,15 @@ def _alignment_response(positions: FloatArray, response: FloatArray) -> FloatArr
     """The similarity (7, p) that least squares would fit to the displacement of all positions by each parameter."""
     G = _generators(positions).reshape(-1, 7)
     scale = np.linalg.norm(G, axis=0)
-    return np.linalg.lstsq(G / scale, response.reshape(len(G), -1), rcond=None)[0] / scale[:, None]
+    Q, R = np.linalg.qr(G / scale)
+    return np.linalg.lstsq(R, Q.T @ response.reshape(len(G), -1), rcond=None)[0] / scale[:, None]
 
 
-def _offset_deviation(covariance: FloatArray, free: BoolArray, mean_s: FloatArray) -> FloatArray:
+def _offset_deviation(covariance: FloatArray, column: IntArray, mean_s: FloatArray) -> FloatArray:
     """Deviation (c,) of offset = (time at mean) - rate * mean, before inflation."""
-    index = np.cumsum(free.ravel()).reshape(free.shape) - 1
-    out = np.zeros(len(free))
-    for c in range(len(free)):
-        a, b = CLOCK.start, CLOCK.start + 1
-        if free[c, a] and free[c, b]:
-            i, j = index[c, a], index[c, b]
+    out = np.zeros(len(column))
+    for c, (i, j) in enumerate(column[:, [OFFSET, RATE]]):
+        if i >= 0 and j >= 0:
             variance = covariance[i, i] - 2 * mean_s[c] * covariance[i, j] + mean_s[c] ** 2 * covariance[j, j]
             out[c] = np.sqrt(max(variance, 0.0))
     return out

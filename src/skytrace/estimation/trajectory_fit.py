@@ -35,7 +35,7 @@ def fit_spline(grid: KnotGrid, time_s: FloatArray, point_in_world: FloatArray, s
     """Control points (m, 3) of a least-jerk spline through points (n, 3) of deviation (n,) at times (n,), robustly."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
-    from skytrace.estimation.adjust.kernel import banded_inverse
+    from skytrace.estimation.adjust.banded import inverse_band
 
     first, u = grid.locate(time_s)
     inside = first >= 0
@@ -58,7 +58,7 @@ def fit_spline(grid: KnotGrid, time_s: FloatArray, point_in_world: FloatArray, s
         residual = np.linalg.norm(bspline.evaluate(control, first, u, grid.spacing_s) - points, axis=1)
         scale = max(float(np.median(residual / sigma)), 1e-9)
         weight = 1 / (sigma * scale) ** 2 / (1 + (residual / (2 * sigma * scale)) ** 2)
-        inverse = np.repeat(banded_inverse(factor), 3, axis=1)
+        inverse = np.repeat(inverse_band(np.ascontiguousarray(factor.T)).T, 3, axis=1)
         full = np.zeros((12, 3 * m))
         full[[0, 3, 6, 9]] = inverse
         prior = prior.weighted(automatic_weight(prior, control, energy_trace(prior, full)))

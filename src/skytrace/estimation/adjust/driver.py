@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skytrace.estimation import noise
-from skytrace.estimation.adjust import kernel, solve
+from skytrace.estimation.adjust import banded, normal, solve
 from skytrace.estimation.adjust.problem import (
     ASPECT,
     CENTRE,
@@ -50,7 +50,11 @@ class Adjusted:
     inflation: float  # residuals per independent one, of the slowest camera: deviations grow by its root
     cost: float
     iterations: int
-    converged: bool
+    ending: solve.Ending  # of the last round
+
+    @property
+    def converged(self) -> bool:
+        return self.ending == "converged"
 
 
 def adjust(
@@ -82,7 +86,7 @@ def adjust(
         motion = balanced(motion, state.control, first)
     priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
     total = 0
-    solution = solve.Solution(state, np.inf, 0, False)
+    solution = solve.Solution(state, np.inf, 0, "iterations")
     for k in range(rounds):
         priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
         most = last_iterations if last_iterations is not None and k == rounds - 1 else iterations
@@ -106,7 +110,7 @@ def adjust(
         common,
         solution.cost,
         total,
-        solution.converged,
+        solution.ending,
     )
 
 
@@ -183,8 +187,9 @@ def make_priors(
     mean, deviation = np.zeros((n, N_PARAMETERS)), np.zeros((n, N_PARAMETERS))
     period = np.array([1 / recordings[c].frame_rate_hz for c in camera_ids])
     mean[:, RATE], mean[:, READOUT] = 1.0, settings.readout_fraction * period
-    deviation[:, ROTATION] = deviation[:, CENTRE] = deviation[:, OFFSET] = np.inf
-    deviation[:, RATE] = settings.rate_sigma
+    deviation[:, ROTATION] = deviation[:, CENTRE] = np.inf
+    if freedom.clocks:
+        deviation[:, OFFSET], deviation[:, RATE] = np.inf, settings.rate_sigma
     if freedom.rolling_shutter:
         deviation[:, READOUT] = settings.readout_sigma * period
     if freedom.focal:
@@ -217,14 +222,17 @@ def estimate_weights(
         rate[i] = recordings[camera_id].frame_rate_hz
         sigma[i] = noise.robust_sigma(residual[own])
         correlation_s[i] = (
-            noise.inflation(residual[own], frames[own], sigma[i], rate[i], loss_scale=settings.loss_scale) / rate[i]
+            noise.inflation(
+                residual[own], frames[own], sigma[i], rate[i], loss_scale=settings.loss_scale, loss=settings.loss
+            )
+            / rate[i]
         )
     slowest = float(rate.min())
     # The camera that shows most correlation is the one whose slow errors the trajectory follows least.
     common = max(1.0, float(correlation_s.max()) * slowest * _absorbed(problem, state))
     # A camera whose noise seems to vanish is being followed by the spline, not measured better than all others.
     sigma = np.maximum(sigma, settings.smallest_sigma_ratio * float(np.median(sigma)))
-    return Weights(sigma, slowest / rate, settings.loss_scale), common
+    return Weights(sigma, slowest / rate, settings.loss_scale, settings.loss), common
 
 
 def _cameras_per_interval(problem: Problem, state: State) -> tuple[IntArray, IntArray]:
@@ -232,8 +240,8 @@ def _cameras_per_interval(problem: Problem, state: State) -> tuple[IntArray, Int
     o = problem.observations
     time = state.clock[o.camera, 0] + state.clock[o.camera, 1] * o.tau_s
     interval = np.floor(time / problem.grid.spacing_s).astype(np.int64)
-    moments = np.unique(np.stack([interval, o.camera]), axis=1)
-    return np.unique(moments[0], return_counts=True)
+    moments = np.unique(interval * problem.n_cameras + o.camera)
+    return np.unique(moments // problem.n_cameras, return_counts=True)
 
 
 def _seen_by_two(problem: Problem, state: State) -> FloatArray:
@@ -263,6 +271,6 @@ def reweighted(problem: Problem, state: State, priors: Priors, weights: Weights,
     if not motion.automatic:
         return motion
     equations = solve.assemble(problem, state, priors, weights, motion)
-    factor = solve.eliminate(equations, 0.0)
-    trace = energy_trace(motion, kernel.banded_inverse(factor.band))
+    factor = normal.eliminate(equations, 0.0)
+    trace = energy_trace(motion, banded.inverse_band(factor.band).T)
     return balanced(motion, state.control, automatic_weight(motion, state.control, trace))

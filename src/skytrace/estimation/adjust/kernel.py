@@ -1,228 +1,352 @@
-"""Compiled loops over the observations: residuals, and the normal equations of the adjustment."""
+"""Compiled loops over the detections: projections, the cost, and the normal equations of the adjustment.
+
+Detections are worked on in chunks of one camera. Quantities of a chunk are rows of a table whose columns are
+detections, so that the compiler computes several detections at once. `reference` says the same in plain numpy.
+
+All compiled code on detections is in this file: the compiler's cache on disk notices only changes of the file itself.
+
+What a detection touches is local: one camera and the four control points around its time. A run of detections of one
+camera between the same two knots therefore adds one small matrix, [control | camera | residual]^T [...], to the
+equations; sorted by time, few runs are needed.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+from skytrace.estimation.adjust.losses import CAUCHY, GEMAN_MCCLURE, HUBER
 
-@njit(cache=True, error_model="numpy")
-def _observe(
-    tau, row, rotation, centre, clock, lens, calibration, control, table, first_interval, spacing, xy, position, jac
-):
-    """Predict one detection.
+CHUNK = 64
+# Rows of a chunk's `table`.
+BASIS, POINT, VELOCITY, TAU, ROW = 0, 4, 7, 10, 11
+PREDICTED = 12  # 1 where the state predicts the detection, else 0
+X, Y, INVERSE_DEPTH = 13, 14, 15  # ideal coordinates on the plane z = 1
+IMAGE, RESIDUAL = 16, 18  # pixels from the principal point; predicted less measured
+ROOT_WEIGHT = 20
+N_ROWS = 21
+# Columns of a camera's constants, `q` below.
+ROTATION, CENTRE, CLOCK, FOCAL, PRINCIPAL, RADIAL, TANGENTIAL, CALIBRATED = 0, 9, 12, 15, 17, 19, 22, 24
+UNPREDICTED = 100.0  # squared scales that a detection costs where the state does not predict it
 
-    Fills xy (2,) with the projection; with a non-empty jac (2, 19) also its derivatives by the 16 camera parameters and
-    the 3 coordinates of the point; position (2,) receives the first control point and u. Returns False where the time
-    lies outside the spline or the point behind the camera.
+# NaN keeps its meaning: no flag assumes that there is none. Only sums over many detections may be reordered.
+_part = njit(forceinline=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+_reduction = njit(forceinline=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
+_loop = njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+
+
+def camera_constants(rotation, centre, clock, lens, calibration):
+    """What the loops need of each camera (c, 26), in the order of the columns above."""
+    scale = np.exp(lens[:, :1] + np.stack([np.zeros(len(lens)), lens[:, 1]], axis=1))
+    calibrated = calibration[:, :2]
+    radial = calibration[:, [4, 5, 8]] + lens[:, 4:]
+    principal = calibration[:, 2:4] + calibrated * lens[:, 2:4]
+    pose = [rotation.reshape(-1, 9), centre]
+    return np.ascontiguousarray(
+        np.hstack([*pose, clock, calibrated * scale, principal, radial, calibration[:, 6:8], calibrated])
+    )
+
+
+@_part
+def loss_value(code, s, c2):
+    """rho(s) of a squared deviation s at the squared scale c2, see `losses`."""
+    if code == CAUCHY:
+        value = c2 * np.log1p(s / c2)
+    elif code == HUBER:
+        value = s if s <= c2 else 2 * np.sqrt(c2 * s) - c2
+    elif code == GEMAN_MCCLURE:
+        value = s / (1 + s / c2)
+    else:
+        value = s
+    return value
+
+
+@_part
+def loss_weight(code, s, c2):
+    """rho'(s)."""
+    if code == CAUCHY:
+        weight = 1 / (1 + s / c2)
+    elif code == HUBER:
+        weight = np.sqrt(c2 / max(s, c2))
+    elif code == GEMAN_MCCLURE:
+        weight = 1 / ((1 + s / c2) * (1 + s / c2))
+    else:
+        weight = 1.0
+    return weight
+
+
+@_part
+def _chunk_end(camera, begin):
+    """End of the chunk of one camera's detections that begins at `begin`."""
+    end = begin + 1
+    while end < len(camera) and end - begin < CHUNK and camera[end] == camera[begin]:
+        end += 1
+    return end
+
+
+@_part
+def _locate(table, first, begin, end, tau, row, q, control, control_of_interval, first_interval, spacing):
+    """Where on the spline each detection lies: it was exposed at t = alpha j + beta + gamma y / h (Li et al. 2020).
+
+    Fills the first control point, -1 outside all runs, and the rows of basis, point and velocity.
     """
-    t = clock[0] + clock[1] * tau + clock[2] * row
-    p = t / spacing
-    k = int(np.floor(p))
-    if k < first_interval or k - first_interval >= table.shape[0]:
-        return False
-    first = table[k - first_interval]
-    if first < 0:
-        return False
-    u = p - k
-    position[0], position[1] = first, u
+    for i in range(end - begin):
+        t = q[CLOCK] + q[CLOCK + 1] * tau[begin + i] + q[CLOCK + 2] * row[begin + i]
+        position = t / spacing
+        interval = np.floor(position)
+        first[i] = -1
+        if first_interval <= interval < first_interval + len(control_of_interval):
+            first[i] = control_of_interval[int(interval) - first_interval]
+        table[PREDICTED, i] = 1.0 if first[i] >= 0 else 0.0
+        table[TAU, i], table[ROW, i] = tau[begin + i], row[begin + i]
+        if first[i] < 0:
+            continue
+        u = position - interval
+        v = 1 - u
+        b0, b1, b3 = v * v * v / 6, (3 * u * u * u - 6 * u * u + 4) / 6, u * u * u / 6
+        b2 = (-3 * u * u * u + 3 * u * u + 3 * u + 1) / 6
+        table[BASIS, i], table[BASIS + 1, i], table[BASIS + 2, i], table[BASIS + 3, i] = b0, b1, b2, b3
+        half = 0.5 / spacing
+        d0, d1, d2, d3 = -half * v * v, half * (3 * u * u - 4 * u), half * (-3 * u * u + 2 * u + 1), half * u * u
+        k = first[i]
+        for a in range(3):
+            c0, c1, c2, c3 = control[k, a], control[k + 1, a], control[k + 2, a], control[k + 3, a]
+            table[POINT + a, i] = b0 * c0 + b1 * c1 + b2 * c2 + b3 * c3
+            table[VELOCITY + a, i] = d0 * c0 + d1 * c1 + d2 * c2 + d3 * c3
+    for i in range(end - begin, CHUNK):
+        table[PREDICTED, i] = 0.0
 
-    b0 = (1 - u) ** 3 / 6
-    b1 = (3 * u**3 - 6 * u**2 + 4) / 6
-    b2 = (-3 * u**3 + 3 * u**2 + 3 * u + 1) / 6
-    b3 = u**3 / 6
-    d0 = b0 * control[first, 0] + b1 * control[first + 1, 0] + b2 * control[first + 2, 0] + b3 * control[first + 3, 0]
-    d1 = b0 * control[first, 1] + b1 * control[first + 1, 1] + b2 * control[first + 2, 1] + b3 * control[first + 3, 1]
-    d2 = b0 * control[first, 2] + b1 * control[first + 1, 2] + b2 * control[first + 2, 2] + b3 * control[first + 3, 2]
-    d0, d1, d2 = d0 - centre[0], d1 - centre[1], d2 - centre[2]
-    X = rotation[0, 0] * d0 + rotation[0, 1] * d1 + rotation[0, 2] * d2
-    Y = rotation[1, 0] * d0 + rotation[1, 1] * d1 + rotation[1, 2] * d2
-    Z = rotation[2, 0] * d0 + rotation[2, 1] * d1 + rotation[2, 2] * d2
-    if 1e-9 * (abs(X) + abs(Y)) >= Z:
-        return False
 
-    x, y = X / Z, Y / Z
-    focal = np.exp(lens[0])
-    fx = calibration[0] * focal
-    fy = calibration[1] * focal * np.exp(lens[1])
-    k1, k2, k3 = calibration[4] + lens[4], calibration[5] + lens[5], calibration[8] + lens[6]
-    p1, p2 = calibration[6], calibration[7]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    xy[0] = fx * xd + calibration[2] + calibration[0] * lens[2]
-    xy[1] = fy * yd + calibration[3] + calibration[1] * lens[3]
-    if jac.shape[0] == 0:
-        return True
+@_part
+def _project(table, q):
+    """Pixels from the principal point; points behind the camera are not predicted."""
+    fx, fy = q[FOCAL], q[FOCAL + 1]
+    k1, k2, k3, p1, p2 = q[RADIAL], q[RADIAL + 1], q[RADIAL + 2], q[TANGENTIAL], q[TANGENTIAL + 1]
+    for i in range(CHUNK):
+        d0 = table[POINT, i] - q[CENTRE]
+        d1 = table[POINT + 1, i] - q[CENTRE + 1]
+        d2 = table[POINT + 2, i] - q[CENTRE + 2]
+        px = q[ROTATION] * d0 + q[ROTATION + 1] * d1 + q[ROTATION + 2] * d2
+        py = q[ROTATION + 3] * d0 + q[ROTATION + 4] * d1 + q[ROTATION + 5] * d2
+        pz = q[ROTATION + 6] * d0 + q[ROTATION + 7] * d1 + q[ROTATION + 8] * d2
+        seen = (table[PREDICTED, i] > 0) & (pz > 1e-9 * (abs(px) + abs(py)))
+        inverse = 1 / (pz if seen else 1.0)
+        x, y = (px if seen else 0.0) * inverse, (py if seen else 0.0) * inverse
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        table[PREDICTED, i] = 1.0 if seen else 0.0
+        table[X, i], table[Y, i], table[INVERSE_DEPTH, i] = x, y, inverse
+        table[IMAGE, i] = fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x))
+        table[IMAGE + 1, i] = fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y)
 
-    slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-    xx = fx * (radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x)
-    xy_ = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-    yy = fy * (radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x)
-    iz = 1 / Z
-    # Derivative by the point in the camera frame, (2, 3).
-    c00, c01 = xx * iz, fx * xy_ * iz
-    c02 = -(c00 * x + c01 * y)
-    c10, c11 = fy * xy_ * iz, yy * iz
-    c12 = -(c10 * x + c11 * y)
-    # R <- exp(omega) R moves the point by omega x point.
-    jac[0, 0], jac[0, 1], jac[0, 2] = c02 * Y - c01 * Z, c00 * Z - c02 * X, c01 * X - c00 * Y
-    jac[1, 0], jac[1, 1], jac[1, 2] = c12 * Y - c11 * Z, c10 * Z - c12 * X, c11 * X - c10 * Y
+
+@_part
+def _compare(table, begin, end, measured, q):
+    for i in range(end - begin):
+        table[RESIDUAL, i] = table[IMAGE, i] + q[PRINCIPAL] - measured[begin + i, 0]
+        table[RESIDUAL + 1, i] = table[IMAGE + 1, i] + q[PRINCIPAL + 1] - measured[begin + i, 1]
+
+
+@_part
+def _weigh(table, sigma, information, loss, c2):
+    """Root weights of iteratively reweighted least squares, 0 where nothing is predicted."""
+    for i in range(CHUNK):
+        s = (table[RESIDUAL, i] ** 2 + table[RESIDUAL + 1, i] ** 2) / sigma**2
+        w = np.sqrt(information * loss_weight(loss, s, c2)) / sigma
+        table[ROOT_WEIGHT, i] = w if table[PREDICTED, i] > 0 else 0.0
+
+
+@_part
+def _linearise(table, J, q):
+    """Weighted derivatives by the camera's 16 parameters, then the weighted residual and a row of zeros.
+
+    Columns of J (18, 2 CHUNK) are the x of all detections, then the y. The derivative by the point is that by the
+    camera's centre with the other sign.
+    """
+    fx, fy = q[FOCAL], q[FOCAL + 1]
+    k1, k2, k3, p1, p2 = q[RADIAL], q[RADIAL + 1], q[RADIAL + 2], q[TANGENTIAL], q[TANGENTIAL + 1]
+    for i in range(CHUNK):
+        j = CHUNK + i
+        w, x, y = table[ROOT_WEIGHT, i], table[X, i], table[Y, i]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+        across = 2 * x * y * slope + 2 * (p1 * x + p2 * y)
+        # By x, y and z of the point in the camera frame, at depth 1.
+        xx, xy = w * fx * (radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x), w * fx * across
+        yx, yy = w * fy * across, w * fy * (radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x)
+        xz, yz = -(xx * x + xy * y), -(yx * x + yy * y)
+        # R <- exp(omega) R moves the point by omega x point.
+        J[0, i], J[1, i], J[2, i] = xz * y - xy, xx - xz * x, xy * x - xx * y
+        J[0, j], J[1, j], J[2, j] = yz * y - yy, yx - yz * x, yy * x - yx * y
+        shift_x, shift_y = 0.0, 0.0
+        for a in range(3):
+            r0, r1, r2_ = q[ROTATION + a], q[ROTATION + 3 + a], q[ROTATION + 6 + a]
+            by_point_x = table[INVERSE_DEPTH, i] * (xx * r0 + xy * r1 + xz * r2_)
+            by_point_y = table[INVERSE_DEPTH, i] * (yx * r0 + yy * r1 + yz * r2_)
+            J[3 + a, i], J[3 + a, j] = -by_point_x, -by_point_y
+            shift_x += by_point_x * table[VELOCITY + a, i]
+            shift_y += by_point_y * table[VELOCITY + a, i]
+        J[6, i], J[7, i], J[8, i] = shift_x, shift_x * table[TAU, i], shift_x * table[ROW, i]
+        J[6, j], J[7, j], J[8, j] = shift_y, shift_y * table[TAU, i], shift_y * table[ROW, i]
+        J[9, i], J[9, j] = w * table[IMAGE, i], w * table[IMAGE + 1, i]
+        J[10, i], J[10, j] = 0.0, w * table[IMAGE + 1, i]
+        J[11, i], J[11, j] = w * q[CALIBRATED], 0.0
+        J[12, i], J[12, j] = 0.0, w * q[CALIBRATED + 1]
+        bend_x, bend_y = w * fx * x * r2, w * fy * y * r2
+        J[13, i], J[14, i], J[15, i] = bend_x, bend_x * r2, bend_x * r2 * r2
+        J[13, j], J[14, j], J[15, j] = bend_y, bend_y * r2, bend_y * r2 * r2
+        J[16, i], J[16, j] = w * table[RESIDUAL, i], w * table[RESIDUAL + 1, i]
+        J[17, i], J[17, j] = 0.0, 0.0
+
+
+@_reduction
+def _add_camera(H, J):
+    """H (18, 18) += J J^T above the diagonal, by blocks of two by two."""
+    for a in range(0, 18, 2):
+        for b in range(a, 18, 2):
+            h00, h01, h10, h11 = 0.0, 0.0, 0.0, 0.0
+            for i in range(2 * CHUNK):
+                h00 += J[a, i] * J[b, i]
+                h01 += J[a, i] * J[b + 1, i]
+                h10 += J[a + 1, i] * J[b, i]
+                h11 += J[a + 1, i] * J[b + 1, i]
+            H[a, b] += h00
+            H[a, b + 1] += h01
+            H[a + 1, b] += h10
+            H[a + 1, b + 1] += h11
+
+
+@_part
+def _take(rows, weights, k, table, J, i):
+    """Copy detection i to place k (0 or 1) of a pair: [camera | control | residual] of its x and its y."""
+    for b in range(4):
+        weights[k, b] = table[BASIS + b, i]
+    for axis in range(2):
+        r, j = 2 * k + axis, axis * CHUNK + i
+        for a in range(16):
+            rows[r, a] = J[a, j]
+        for b in range(4):
+            for a in range(3):
+                rows[r, 16 + 3 * b + a] = -weights[k, b] * J[3 + a, j]
+        rows[r, 28] = J[16, j]
+
+
+@_part
+def _add_pair(local, rows, weights):
+    """Add the products of the 12 control coordinates of two detections with their rows, to local (12, 32)."""
+    u0, u1, u2, u3 = weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3]
+    v0, v1, v2, v3 = weights[1, 0], weights[1, 1], weights[1, 2], weights[1, 3]
     for a in range(3):
-        w0 = c00 * rotation[0, a] + c01 * rotation[1, a] + c02 * rotation[2, a]
-        w1 = c10 * rotation[0, a] + c11 * rotation[1, a] + c12 * rotation[2, a]
-        jac[0, 16 + a], jac[1, 16 + a] = w0, w1
-        jac[0, 3 + a], jac[1, 3 + a] = -w0, -w1
-    e0 = -((1 - u) ** 2) / (2 * spacing)
-    e1 = (3 * u**2 - 4 * u) / (2 * spacing)
-    e2 = (-3 * u**2 + 2 * u + 1) / (2 * spacing)
-    e3 = u**2 / (2 * spacing)
-    s0, s1 = 0.0, 0.0
-    for a in range(3):
-        v = (
-            e0 * control[first, a]
-            + e1 * control[first + 1, a]
-            + e2 * control[first + 2, a]
-            + e3 * control[first + 3, a]
-        )
-        s0 += jac[0, 16 + a] * v
-        s1 += jac[1, 16 + a] * v
-    jac[0, 6], jac[0, 7], jac[0, 8] = s0, s0 * tau, s0 * row
-    jac[1, 6], jac[1, 7], jac[1, 8] = s1, s1 * tau, s1 * row
-    jac[0, 9], jac[1, 9] = fx * xd, fy * yd
-    jac[0, 10], jac[1, 10] = 0.0, fy * yd
-    jac[0, 11], jac[1, 11] = calibration[0], 0.0
-    jac[0, 12], jac[1, 12] = 0.0, calibration[1]
-    r = r2
-    for i in range(3):
-        jac[0, 13 + i], jac[1, 13 + i] = fx * x * r, fy * y * r
-        r *= r2
-    return True
+        p0, p1, p2, p3 = -rows[0, 3 + a], -rows[1, 3 + a], -rows[2, 3 + a], -rows[3, 3 + a]
+        for b in range(32):
+            u = p0 * rows[0, b] + p1 * rows[1, b]
+            v = p2 * rows[2, b] + p3 * rows[3, b]
+            local[a, b] += u0 * u + v0 * v
+            local[3 + a, b] += u1 * u + v1 * v
+            local[6 + a, b] += u2 * u + v2 * v
+            local[9 + a, b] += u3 * u + v3 * v
 
 
-@njit(cache=True, error_model="numpy")
-def predict(camera, tau, row, rotation, centre, clock, lens, calibration, control, table, first_interval, spacing):
+@_part
+def _finish_run(local, rows, weights, odd, first, c, coupling, band, gradient):
+    """Add what a run of detections gathered to the equations, and clear it."""
+    if odd:
+        rows[2:] = 0.0
+        _add_pair(local, rows, weights)
+    for a in range(12):
+        for b in range(16):
+            coupling[3 * first + a, c, b] += local[a, b]
+        for b in range(a, 12):
+            band[3 * first + a, b - a] += local[a, 16 + b]
+        gradient[3 * first + a] += local[a, 28]
+    local[:] = 0.0
+
+
+@_loop
+def predict(camera, tau, row, constants, control, control_of_interval, first_interval, spacing):
     """Projections (n, 2) of all detections; NaN where the state does not predict one."""
-    n = camera.shape[0]
-    out = np.full((n, 2), np.nan)
-    xy, position, no_jac = np.empty(2), np.empty(2), np.empty((0, 0))
-    for i in range(n):
-        c = camera[i]
-        if _observe(
-            tau[i], row[i], rotation[c], centre[c], clock[c], lens[c], calibration[c],
-            control, table, first_interval, spacing, xy, position, no_jac,
-        ):  # fmt: skip
-            out[i, 0], out[i, 1] = xy[0], xy[1]
+    out = np.empty((len(camera), 2))
+    table, first = np.zeros((N_ROWS, CHUNK)), np.empty(CHUNK, np.int64)
+    begin = np.int64(0)
+    while begin < len(camera):
+        end, q = _chunk_end(camera, begin), constants[camera[begin]]
+        _locate(table, first, begin, end, tau, row, q, control, control_of_interval, first_interval, spacing)
+        _project(table, q)
+        for i in range(end - begin):
+            for axis in range(2):
+                out[begin + i, axis] = table[IMAGE + axis, i] + q[PRINCIPAL + axis]
+                if table[PREDICTED, i] == 0:
+                    out[begin + i, axis] = np.nan
+        begin = end
     return out
 
 
-@njit(cache=True, error_model="numpy")
-def jacobian(camera, tau, row, rotation, centre, clock, lens, calibration, control, table, first_interval, spacing):
-    """Derivatives (n, 2, 19) of all projections by the camera's 16 parameters and the point's 3 coordinates."""
-    n = camera.shape[0]
-    out = np.full((n, 2, 19), np.nan)
-    xy, position = np.empty(2), np.empty(2)
-    for i in range(n):
-        c = camera[i]
-        _observe(
-            tau[i], row[i], rotation[c], centre[c], clock[c], lens[c], calibration[c],
-            control, table, first_interval, spacing, xy, position, out[i],
-        )  # fmt: skip
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def robust_cost(measured, predicted, camera, sigma, information, loss_scale):
-    """Sum of the weighted Cauchy losses; detections that are not predicted count as errors of ten loss scales."""
-    total = 0.0
-    c2 = loss_scale**2
-    unpredicted = c2 * np.log1p(100.0)
-    for i in range(camera.shape[0]):
-        c = camera[i]
-        dx, dy = predicted[i, 0] - measured[i, 0], predicted[i, 1] - measured[i, 1]
-        s = (dx * dx + dy * dy) / sigma[c] ** 2
-        total += information[c] * (c2 * np.log1p(s / c2) if s == s else unpredicted)
+@_loop
+def cost(
+    camera, tau, row, constants, control, control_of_interval, first_interval, spacing,
+    measured, sigma, information, loss, loss_scale,
+):  # fmt: skip
+    """Half the sum of the weighted losses; detections that are not predicted count as errors of ten loss scales."""
+    total, c2 = 0.0, loss_scale**2
+    table, first = np.zeros((N_ROWS, CHUNK)), np.empty(CHUNK, np.int64)
+    begin = np.int64(0)
+    while begin < len(camera):
+        end, c = _chunk_end(camera, begin), camera[begin]
+        q = constants[c]
+        _locate(table, first, begin, end, tau, row, q, control, control_of_interval, first_interval, spacing)
+        _project(table, q)
+        _compare(table, begin, end, measured, q)
+        for i in range(end - begin):
+            s = (table[RESIDUAL, i] ** 2 + table[RESIDUAL + 1, i] ** 2) / sigma[c] ** 2
+            total += information[c] * loss_value(loss, s if table[PREDICTED, i] > 0 else UNPREDICTED * c2, c2)
+        begin = end
     return 0.5 * total
 
 
-@njit(cache=True, error_model="numpy")
+@_loop
 def normal_equations(
-    camera, tau, row, measured, rotation, centre, clock, lens, calibration, control, table, first_interval, spacing,
-    sigma, information, loss_scale,
+    camera, tau, row, constants, control, control_of_interval, first_interval, spacing,
+    measured, sigma, information, loss, loss_scale,
 ):  # fmt: skip
     """Gauss-Newton normal equations of the robust cost.
 
-    Returns camera blocks (c, 16, 16), camera gradient (c, 16), coupling (c, m, 3, 16), spline blocks (m, 4, 3, 3) where
-    [i, d] couples control points i and i + d, and spline gradient (m, 3).
+    Returns camera blocks (c, 16, 16), camera gradient (c, 16), coupling (3 m, c, 16), the spline's band (3 m, 12),
+    entry [i, d] coupling coordinates i and i + d, and the spline's gradient (3 m,).
     """
-    n_cameras, m = rotation.shape[0], control.shape[0]
-    H_camera, g_camera = np.zeros((n_cameras, 16, 16)), np.zeros((n_cameras, 16))
-    coupling = np.zeros((n_cameras, m, 3, 16))
-    H_spline, g_spline = np.zeros((m, 4, 3, 3)), np.zeros((m, 3))
-    xy, position, J = np.empty(2), np.empty(2), np.empty((2, 19))
-    basis, G, N = np.empty(4), np.empty((3, 3)), np.empty((3, 16))
-    c2 = loss_scale**2
-    for i in range(camera.shape[0]):
-        c = camera[i]
-        if not _observe(
-            tau[i], row[i], rotation[c], centre[c], clock[c], lens[c], calibration[c],
-            control, table, first_interval, spacing, xy, position, J,
-        ):  # fmt: skip
-            continue
-        rx, ry = xy[0] - measured[i, 0], xy[1] - measured[i, 1]
-        s = (rx * rx + ry * ry) / sigma[c] ** 2
-        w = information[c] / (sigma[c] ** 2 * (1 + s / c2))
-        first, u = int(position[0]), position[1]
-        basis[0] = (1 - u) ** 3 / 6
-        basis[1] = (3 * u**3 - 6 * u**2 + 4) / 6
-        basis[2] = (-3 * u**3 + 3 * u**2 + 3 * u + 1) / 6
-        basis[3] = u**3 / 6
-        for a in range(16):
-            ja, jb = w * J[0, a], w * J[1, a]
-            g_camera[c, a] += ja * rx + jb * ry
-            for b in range(a, 16):
-                H_camera[c, a, b] += ja * J[0, b] + jb * J[1, b]
-            for b in range(3):
-                N[b, a] = ja * J[0, 16 + b] + jb * J[1, 16 + b]
-        for a in range(3):
-            for b in range(3):
-                G[a, b] = w * (J[0, 16 + a] * J[0, 16 + b] + J[1, 16 + a] * J[1, 16 + b])
-        for k in range(4):
-            bk = basis[k]
-            for a in range(3):
-                g_spline[first + k, a] += bk * w * (J[0, 16 + a] * rx + J[1, 16 + a] * ry)
-                for b in range(16):
-                    coupling[c, first + k, a, b] += bk * N[a, b]
-            for d in range(4 - k):
-                bb = bk * basis[k + d]
-                for a in range(3):
-                    for b in range(3):
-                        H_spline[first + k, d, a, b] += bb * G[a, b]
+    n_cameras, n = len(constants), 3 * len(control)
+    blocks, coupling = np.zeros((n_cameras, 18, 18)), np.zeros((n, n_cameras, 16))
+    band, gradient = np.zeros((n, 12)), np.zeros(n)
+    table, first = np.zeros((N_ROWS, CHUNK)), np.empty(CHUNK, np.int64)
+    J = np.empty((18, 2 * CHUNK))
+    rows, weights, local = np.zeros((4, 32)), np.zeros((2, 4)), np.zeros((12, 32))
+    begin = np.int64(0)
+    while begin < len(camera):
+        end, c = _chunk_end(camera, begin), camera[begin]
+        q = constants[c]
+        _locate(table, first, begin, end, tau, row, q, control, control_of_interval, first_interval, spacing)
+        _project(table, q)
+        _compare(table, begin, end, measured, q)
+        _weigh(table, sigma[c], information[c], loss, loss_scale**2)
+        _linearise(table, J, q)
+        _add_camera(blocks[c], J)
+        run, held = np.int64(-1), np.int64(0)
+        for i in range(end - begin):
+            if first[i] != run:
+                if run >= 0:
+                    _finish_run(local, rows, weights, held == 1, run, c, coupling, band, gradient)
+                run, held = first[i], np.int64(0)
+            if run >= 0:
+                _take(rows, weights, held, table, J, i)
+                held += 1
+                if held == 2:
+                    _add_pair(local, rows, weights)
+                    held = np.int64(0)
+        if run >= 0:
+            _finish_run(local, rows, weights, held == 1, run, c, coupling, band, gradient)
+        begin = end
     for c in range(n_cameras):
         for a in range(16):
             for b in range(a):
-                H_camera[c, a, b] = H_camera[c, b, a]
-    return H_camera, g_camera, coupling, H_spline, g_spline
-
-
-@njit(cache=True, error_model="numpy")
-def banded_inverse(factor):
-    """The band of the inverse of a banded matrix from its Cholesky factor, both in LAPACK's lower band storage.
-
-    Takahashi, Fagan & Chen 1973; Erisman & Tinney 1975: only entries inside the band are formed.
-    """
-    width, n = factor.shape
-    Z = np.zeros((width, n))
-    for j in range(n - 1, -1, -1):
-        last = min(width - 1, n - 1 - j)
-        for i in range(last, -1, -1):
-            total = 0.0
-            for k in range(1, last + 1):
-                low, high = (i, k) if i < k else (k, i)
-                total += factor[k, j] * Z[high - low, j + low]
-            if i == 0:
-                Z[0, j] = (1 / factor[0, j] - total) / factor[0, j]
-            else:
-                Z[i, j] = -total / factor[0, j]
-    return Z
+                blocks[c, a, b] = blocks[c, b, a]
+    return blocks[:, :16, :16].copy(), blocks[:, :16, 16].copy(), coupling, band, gradient

@@ -1,7 +1,7 @@
 """What the adjustment minimises over: the state, the observations, and the layout of a camera's parameters.
 
-Reprojection (Li et al. 2020, eq. 7-9): a detection in frame j on image row y was exposed at
-t = beta + alpha j + r y, and the trajectory at t must project onto it in raw, distorted pixels.
+Reprojection (Li et al. 2020, eq. 7-9): a detection in frame j on image row y of h was exposed at
+t = beta + alpha j + gamma y / h, and the trajectory at t must project onto it in raw, distorted pixels.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skytrace.estimation.adjust.losses import LossKind
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.geometry.rigid import so3_exp
 from skytrace.solvers import bspline
@@ -27,9 +28,17 @@ LENS = slice(9, 16)
 N_PARAMETERS = 16
 
 
+def columns_of(free: BoolArray) -> IntArray:
+    """The unknown (c, 16) that each free camera parameter is, counted camera by camera; -1 where it is held fixed.
+
+    The solver asks for no more than this map: parameters given the same unknown move together.
+    """
+    return np.where(free, np.cumsum(free.ravel()).reshape(free.shape) - 1, -1)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Observations:
-    """Detections of all cameras, ordered by camera and time."""
+    """Detections of all cameras; ordered by camera and time they are worked on fastest."""
 
     camera: IntArray  # (n,) index of the camera
     tau_s: FloatArray  # (n,) camera time less the camera's mean, so that offset and rate are uncorrelated
@@ -98,6 +107,15 @@ class State:
     lens: FloatArray  # (c, 7) change of the calibration, see LENS
     control: FloatArray  # (m, 3) control points in the world
 
+    def parameters(self) -> FloatArray:
+        """Camera parameters (c, 16) as priors know them; rotations, which have no coordinates, are 0."""
+        return np.hstack([np.zeros_like(self.centre), self.centre, self.clock, self.lens])
+
+    @property
+    def finite(self) -> bool:
+        """Whether every number is one."""
+        return all(np.isfinite(a).all() for a in (self.rotation, self.centre, self.clock, self.lens, self.control))
+
     def moved(self, camera_step: FloatArray, control_step: FloatArray) -> State:
         """The state after a step (c, 16) of the cameras and (m, 3) of the control points."""
         rotation = np.stack([so3_exp(w) @ R for w, R in zip(camera_step[:, ROTATION], self.rotation, strict=True)])
@@ -122,7 +140,7 @@ class State:
 class Priors:
     """Gaussian priors on camera parameters: mean and deviation (c, 16); 0 holds a parameter fixed, inf leaves it free.
 
-    Means of rotation and centre are ignored (their deviations are 0 or inf); the mean of `lens` is the calibration.
+    Deviations of rotations are 0 or inf; the mean of `lens` is the calibration.
     """
 
     mean: FloatArray
@@ -133,6 +151,16 @@ class Priors:
         """Parameters (c, 16) that may move."""
         return self.deviation > 0
 
+    @property
+    def precision(self) -> FloatArray:
+        """One over the deviations (c, 16) that are neither 0 nor inf, else 0."""
+        with np.errstate(divide="ignore"):
+            return np.where(self.free & np.isfinite(self.deviation), 1 / self.deviation, 0.0)
+
+    def pull(self, state: State) -> FloatArray:
+        """How many deviations (c, 16) the parameters lie from their means."""
+        return np.where(self.precision > 0, (state.parameters() - self.mean) * self.precision, 0.0)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Weights:
@@ -140,7 +168,8 @@ class Weights:
 
     sigma_px: FloatArray  # (c,) robust deviation of a residual per axis
     information: FloatArray  # (c,) share of independent information per residual, at most 1 for the best camera
-    loss_scale: float = 2.0  # of the Cauchy loss, in deviations
+    loss_scale: float = 2.0  # in deviations
+    loss: LossKind = "cauchy"
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from skytrace.estimation.adjust.losses import LossKind
 from skytrace.estimation.priors import PriorKind
 
 
@@ -12,6 +13,7 @@ class AdjustSettings:
     """Prior deviations are those of real consumer cameras and their calibrations, not tuned to a recording."""
 
     motion_prior: PriorKind = "jerk"
+    loss: LossKind = "cauchy"
     loss_scale: float = 2.0
     rate_sigma: float = 1e-3
     readout_fraction: float = 0.6  # of a frame period
@@ -31,3 +33,4 @@ class Freedom:
     rolling_shutter: bool = True
     focal: bool = True
     lens: bool = True  # aspect, principal point, radial distortion
+    clocks: bool = True  # offset and rate
