@@ -106,6 +106,24 @@ def test_variable_frame_rate_moves_exposures_and_time_stamps_alike():
     assert all(track.time_s is None for _, track, *_ in each_camera(run(SHORT)))
 
 
+def test_a_sinking_frame_rate_and_dropped_frames_leave_the_numbering_without_gaps():
+    scenario = dataclasses.replace(
+        SHORT, rate_swing=0.5, dropped_frames=0.1, timestamps=True, noise_px=0.0, dropout_fraction=0.0
+    )
+    flight = run(scenario)
+    for recording, track, camera, truth in each_camera(flight):
+        np.testing.assert_allclose(reprojected(flight, camera, truth.time_s), track.xy_px, rtol=0, atol=1e-9)
+        assert track.time_s is not None
+        stamped = camera.clock.world_time(track.time_s * recording.frame_rate_hz, track.xy_px[:, 1])
+        np.testing.assert_allclose(stamped, truth.time_s, rtol=0, atol=1e-9)
+        step = np.diff(track.time_s)[np.diff(track.frame) == 1] * recording.frame_rate_hz
+        assert step.min() >= 1 - 1e-9
+        assert 1.05 < step.mean() < 2.4  # between 1 and 2 for the swing, over 0.9 for what was dropped
+        assert step.max() > 1.9  # a dropped frame
+        exposures = flight.truth.exposures[recording.camera_id]
+        np.testing.assert_array_equal(np.diff(exposures.frame), 1)
+
+
 def test_same_seed_same_flight_and_other_seed_another():
     a, b, c = run(presets["cluttered"], 3), run(presets["cluttered"], 3), run(presets["cluttered"], 4)
     for (_, track_a, camera_a, truth_a), (_, track_b, camera_b, truth_b) in zip(

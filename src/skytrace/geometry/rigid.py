@@ -23,13 +23,12 @@ def hat(v: FloatArray) -> FloatArray:
 
 
 def so3_exp(omega_rad: FloatArray) -> FloatArray:
-    """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues' formula)."""
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues' formula)."""
     omega_rad = np.asarray(omega_rad, float)
-    angle = float(np.linalg.norm(omega_rad))
+    # numpy's sinc is that of pi x.
+    turns = np.linalg.norm(omega_rad, axis=-1)[..., None, None] / np.pi
     K = hat(omega_rad)
-    if angle < 1e-8:
-        return np.eye(3) + K + 0.5 * K @ K
-    return np.eye(3) + np.sin(angle) / angle * K + (1 - np.cos(angle)) / angle**2 * K @ K
+    return np.eye(3) + np.sinc(turns) * K + 0.5 * np.sinc(0.5 * turns) ** 2 * (K @ K)
 
 
 def so3_log(rotation: FloatArray) -> FloatArray:

@@ -8,24 +8,29 @@ import numpy as np
 
 from skytrace.geometry import projection
 from skytrace.geometry.arrays import BoolArray, FloatArray, frozen_array
+from skytrace.geometry.projection import COEFFICIENTS, LensModel
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Intrinsics:
-    """A pinhole camera with radial and tangential distortion.
+    """A camera's lens: "pinhole" with radial and tangential distortion, or "fisheye" (Kannala-Brandt).
 
     Frame: x right, y down, z forward; the centre of the top-left pixel is (0, 0).
     """
 
     focal_px: FloatArray  # (2,) fx, fy
     principal_px: FloatArray  # (2,) cx, cy
-    distortion: FloatArray  # (5,) k1 k2 p1 p2 k3
+    distortion: FloatArray  # (5,) k1 k2 p1 p2 k3, of a fisheye (4,) k1 k2 k3 k4
     size_px: tuple[int, int]  # width, height
+    model: LensModel = "pinhole"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "focal_px", frozen_array(self.focal_px, (2,), "focal_px"))
         object.__setattr__(self, "principal_px", frozen_array(self.principal_px, (2,), "principal_px"))
-        object.__setattr__(self, "distortion", frozen_array(self.distortion, (5,), "distortion"))
+        if self.model not in COEFFICIENTS:
+            raise ValueError(f"model: expected one of {', '.join(COEFFICIENTS)}, got {self.model!r}")
+        coefficients = (len(COEFFICIENTS[self.model]),)
+        object.__setattr__(self, "distortion", frozen_array(self.distortion, coefficients, "distortion"))
         object.__setattr__(self, "size_px", (int(self.size_px[0]), int(self.size_px[1])))
         if (self.focal_px <= 0).any():
             raise ValueError(f"focal_px: expected positive values, got {self.focal_px.tolist()}")
@@ -38,11 +43,17 @@ class Intrinsics:
 
     def project(self, point_in_camera: FloatArray) -> FloatArray:
         """Raw pixels (n, 2) of points (n, 3) in the camera frame; NaN behind the camera."""
-        return projection.project(point_in_camera, self.focal_px, self.principal_px, self.distortion)
+        return projection.project(point_in_camera, self.focal_px, self.principal_px, self.distortion, self.model)
 
     def undistort(self, xy_px: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Coordinates (n, 2) on the plane z = 1 of raw pixels (n, 2), and where the lens model could be inverted."""
-        return projection.undistort((np.asarray(xy_px) - self.principal_px) / self.focal_px, self.distortion)
+        xy_distorted = (np.asarray(xy_px) - self.principal_px) / self.focal_px
+        return projection.undistort(xy_distorted, self.distortion, self.model)
+
+    @property
+    def one_to_one_radius(self) -> float:
+        """Radius on the plane z = 1 beyond which the lens model folds back on itself or ends; inf if nowhere."""
+        return projection.one_to_one_radius(self.distortion, self.model)
 
     def rays(self, xy_px: FloatArray) -> FloatArray:
         """Unit rays (n, 3) in the camera frame of raw pixels (n, 2)."""

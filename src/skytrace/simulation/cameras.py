@@ -10,6 +10,7 @@ from skytrace.geometry.arrays import FloatArray
 from skytrace.geometry.projection import one_to_one_radius
 from skytrace.geometry.rigid import Rigid, so3_exp
 from skytrace.model.camera import Clock, Intrinsics
+from skytrace.simulation.lens_errors import miscalibrated
 from skytrace.simulation.scenario import Scenario
 
 # Video modes that store fewer columns than they show: stored over shown width.
@@ -40,12 +41,7 @@ def draw_cameras(scenario: Scenario, clocks: tuple[Clock, ...], rng: np.random.G
         aim = target + lens_rng.normal(0, 0.03 * scenario.extent_m, 3)
         pose = look_at(centre, aim, roll_rad=lens_rng.normal(0, np.radians(2.0)))
         lens = draw_lens(scenario.resolutions_px[i % len(scenario.resolutions_px)], scenario.distortion, lens_rng)
-        calibrated = Intrinsics(
-            lens.focal_px * (1 + scenario.focal_error * np.clip(lens_rng.normal(), -3, 3)),
-            lens.principal_px,
-            lens.distortion,
-            lens.size_px,
-        )
+        calibrated = miscalibrated(lens, scenario, lens_rng)
         cameras.append(TrueCamera(pose, clock, lens, calibrated, nominal_rate_hz(scenario, i)))
     return tuple(cameras)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.simulation.scenario import Scenario
+from skytrace.simulation.wander import wander
 
 _ABSENCE_S = 1.5
 _CLUSTER_S = 1.0
@@ -35,13 +36,15 @@ def detect(
 
     Returns the indices (m,) of the frames with a detection, their measured pixels (m, 2), and which are false (m,).
     """
-    absence_rng, false_rng, cluster_rng, noise_rng = rng.spawn(4)
+    absence_rng, false_rng, cluster_rng, noise_rng, drift_rng = rng.spawn(5)
     n = len(true_xy_px)
     absent = random_spans(n, scenario.dropout_fraction, _ABSENCE_S * frame_rate_hz, absence_rng) >= 0
     true_seen = np.isfinite(true_xy_px[:, 0]) & ~absent
     uniform_share, clustered_share = _false_shares(scenario, n, int(true_seen.sum()))
 
     xy_px = true_xy_px + scenario.noise_px * noise_rng.normal(size=(n, 2))
+    if scenario.drift_px > 0 and n:
+        xy_px += _drift(n, frame_rate_hz, scenario, drift_rng)
     span = random_spans(n, clustered_share, _CLUSTER_S * frame_rate_hz, cluster_rng)
     for k in range(span.max(initial=-1) + 1):
         frames = np.flatnonzero(span == k)
@@ -59,6 +62,13 @@ def detect(
         inside = (xy_px >= 0).all(1) & (xy_px <= np.array(size_px) - 1).all(1)
     index = np.flatnonzero((true_seen | false) & inside)
     return index, xy_px[index], false[index]
+
+
+def _drift(n: int, frame_rate_hz: float, scenario: Scenario, rng: np.random.Generator) -> FloatArray:
+    """A bias (n, 2) that wanders, of half to one and a half times the scenario's deviation in any one camera."""
+    deviation_px = scenario.drift_px * rng.uniform(0.5, 1.5)
+    correlation = float(np.exp(-1 / (scenario.drift_s * frame_rate_hz)))
+    return deviation_px * np.column_stack([wander(n, correlation, rng), wander(n, correlation, rng)])
 
 
 def _false_shares(scenario: Scenario, n_frames: int, n_seen: int) -> tuple[float, float]:

@@ -23,13 +23,20 @@ _RANGES: dict[str, tuple[float, float]] = {
     "camera_distance": (0.3, 10.0),
     "distortion": (0.0, 2.0),
     "focal_error": (0.0, 0.1),
+    "aspect_error": (0.0, 0.05),
+    "principal_error": (0.0, 0.1),
+    "radial_error": (0.0, 0.02),
     "offset_range_s": (0.0, 3600.0),
     "clock_drift": (0.0, 0.01),
     "readout_fraction": (0.0, 1.0),
     "readout_spread": (0.0, 0.5),
     "variable_frame_rate": (0.0, 0.5),
+    "rate_swing": (0.0, 0.9),
+    "dropped_frames": (0.0, 0.9),
     "watched_fraction": (0.05, 1.0),
     "noise_px": (0.0, 100.0),
+    "drift_px": (0.0, 100.0),
+    "drift_s": (0.1, 100.0),
     "dropout_fraction": (0.0, 0.9),
     "outlier_fraction": (0.0, 0.9),
     "clustered_fraction": (0.0, 0.9),
@@ -59,7 +66,11 @@ class Scenario:
     frame_rates_hz: tuple[float, ...] = (29.97, 25.0, 30.0, 59.94, 50.0)
     resolutions_px: tuple[tuple[int, int], ...] = ((1920, 1080), (3840, 2160), (1440, 1080), (1280, 720))
     distortion: float = 1.0  # strength: 0 none, 1 what consumer lenses show
-    focal_error: float = 0.005  # relative deviation of the calibrated focal lengths from the true ones
+    # What the calibrations get wrong, as deviations.
+    focal_error: float = 0.005  # of the focal length, relative
+    aspect_error: float = 0.0  # of the pixels' height over their width, relative
+    principal_error: float = 0.0  # of the principal point along each axis, in focal lengths
+    radial_error: float = 0.0  # of the radial displacement towards the image's corner, in focal lengths
 
     # The clocks.
     reference_clock: bool = True  # world time is the first camera's clock; otherwise it starts with the flight
@@ -68,11 +79,15 @@ class Scenario:
     readout_fraction: float = 0.6  # rolling-shutter readout, as a fraction of the frame period
     readout_spread: float = 0.0  # deviation of that fraction between cameras
     variable_frame_rate: float = 0.0  # deviation of exposure times from frame * period, in frame periods
+    rate_swing: float = 0.0  # how far the frame rate sinks below the nominal one, and rises again, as a share of it
+    dropped_frames: float = 0.0  # share of frames that were never stored; the others are numbered without a gap
     timestamps: bool = False  # the tracks carry the true time stamps of their frames
 
     # The detector.
     watched_fraction: float = 1.0  # part of the flight a camera watches: the first one its start, the last its end
     noise_px: float = 0.5  # standard deviation along each axis
+    drift_px: float = 0.0  # deviation along each axis of a bias that wanders; cameras have 0.5 to 1.5 times as much
+    drift_s: float = 3.0  # how long that bias lasts: its correlation falls to 1 / e
     quantise: bool = False  # detections fall on whole pixels
     dropout_fraction: float = 0.0  # frames in absences of a second or so, beside those out of the field of view
     outlier_fraction: float = 0.0  # share of detections that lie anywhere in the image
@@ -145,6 +160,32 @@ presets: dict[str, Scenario] = {
         variable_frame_rate=0.15,
         timestamps=True,
         outlier_fraction=0.05,
+    ),
+    "uneven": Scenario(
+        duration_s=120.0,
+        frame_rates_hz=(30.0, 59.94, 25.0),
+        rate_swing=0.5,
+        dropped_frames=0.05,
+        variable_frame_rate=0.1,
+        timestamps=True,
+        outlier_fraction=0.03,
+    ),
+    # Calibrations, clocks and detections as wrong as those of real consumer cameras.
+    "realistic": Scenario(
+        duration_s=150.0,
+        n_cameras=5,
+        focal_error=0.015,
+        aspect_error=0.0035,
+        principal_error=0.007,
+        radial_error=0.002,
+        clock_drift=3e-4,
+        readout_spread=0.1,
+        noise_px=0.4,
+        quantise=True,
+        drift_px=1.0,
+        dropout_fraction=0.05,
+        outlier_fraction=0.05,
+        clustered_fraction=0.02,
     ),
     "large": Scenario(
         duration_s=600.0,

@@ -15,9 +15,11 @@ from skytrace.simulation.detector import detect
 from skytrace.simulation.flight import Motion, build_motion
 from skytrace.simulation.observe import observe
 from skytrace.simulation.scenario import Scenario
+from skytrace.simulation.wander import wander
 
 # A phone's exposure control takes about a second to wander: autocorrelation from one frame to the next.
 _JITTER_CORRELATION = 0.95
+_SWING_S = (10.0, 40.0)  # how long the frame rate takes to sink and to rise again
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,16 +38,29 @@ class TrueDetections:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class TrueExposures:
+    """When one camera exposed the frames of its part of the flight, whatever they show."""
+
+    frame: IntArray  # (n,) consecutive
+    beat: FloatArray  # (n,) time of the exposure on the camera's own clock, in nominal frame periods
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frame", frozen_array(self.frame, (None,), "frame", np.int64))
+        object.__setattr__(self, "beat", frozen_array(self.beat, (len(self.frame),), "beat"))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Truth:
     """The flight as it was. The first camera is the reference of the clocks."""
 
     motion: Motion
     cameras: Mapping[str, TrueCamera]
     detections: Mapping[str, TrueDetections]
+    exposures: Mapping[str, TrueExposures]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
-        object.__setattr__(self, "detections", MappingProxyType(dict(self.detections)))
+        for name in ("cameras", "detections", "exposures"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     @property
     def reference(self) -> str:
@@ -86,31 +101,31 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedFlight:
     clocks, begin_s = draw_clocks(scenario, clock_rng)
     motion = build_motion(scenario, begin_s, motion_rng)
     cameras = dict(zip(scenario.camera_ids, draw_cameras(scenario, clocks, camera_rng), strict=True))
-    recordings, detections = [], {}
+    recordings, detections, exposures = [], {}, {}
     for i, (camera_id, camera) in enumerate(cameras.items()):
-        track, detections[camera_id] = _record(scenario, i, camera, motion, detector_rngs[i])
+        track, detections[camera_id], exposures[camera_id] = _record(scenario, i, camera, motion, detector_rngs[i])
         recordings.append(Recording(camera_id, camera.calibrated, camera.frame_rate_hz, (track,)))
-    return SimulatedFlight(scenario, tuple(recordings), Truth(motion, cameras, detections))
+    return SimulatedFlight(scenario, tuple(recordings), Truth(motion, cameras, detections, exposures))
 
 
 def _record(
     scenario: Scenario, index: int, camera: TrueCamera, motion: Motion, rng: np.random.Generator
-) -> tuple[Track, TrueDetections]:
+) -> tuple[Track, TrueDetections, TrueExposures]:
     jitter_rng, detector_rng = rng.spawn(2)
-    frame, begin_s, end_s = _watched_frames(scenario, index, camera, motion)
-    beat = frame + _exposure_jitter(len(frame), scenario.variable_frame_rate, jitter_rng)
+    first, last, begin_s, end_s = _watched_beats(scenario, index, camera, motion)
+    beats = _beats_of_frames(scenario, last, camera.frame_rate_hz, jitter_rng)
+    frame = np.flatnonzero((beats >= first) & (beats <= last))
+    beat = beats[frame] + _exposure_jitter(len(frame), scenario.variable_frame_rate, jitter_rng)
     xy_px, time_s = observe(motion, camera.camera_from_world, camera.clock, camera.intrinsics, beat)
     xy_px[(time_s < begin_s) | (time_s > end_s)] = np.nan
     kept, measured_px, false = detect(xy_px, camera.frame_rate_hz, camera.intrinsics.size_px, scenario, detector_rng)
     stamps_s = beat[kept] / camera.frame_rate_hz if scenario.timestamps else None
     track = Track(frame[kept], measured_px, time_s=stamps_s)
-    return track, TrueDetections(time_s[kept], xy_px[kept], false)
+    return track, TrueDetections(time_s[kept], xy_px[kept], false), TrueExposures(frame, beat)
 
 
-def _watched_frames(
-    scenario: Scenario, index: int, camera: TrueCamera, motion: Motion
-) -> tuple[IntArray, float, float]:
-    """Frames (n,) a camera exposes in its part of the flight, and the world times that bound the part."""
+def _watched_beats(scenario: Scenario, index: int, camera: TrueCamera, motion: Motion) -> tuple[int, int, float, float]:
+    """First and last beat of a camera in its part of the flight, and the world times that bound the part."""
     length_s = scenario.watched_fraction * (motion.end_s - motion.begin_s)
     slack_s = (motion.end_s - motion.begin_s) - length_s
     begin_s = motion.begin_s + slack_s * index / (scenario.n_cameras - 1)
@@ -118,14 +133,23 @@ def _watched_frames(
     clock = camera.clock
     first = max(0, int(np.ceil((begin_s - clock.readout_s - clock.offset_s) / clock.period_s)))
     last = int(np.floor((end_s - clock.offset_s) / clock.period_s))
-    return np.arange(first, last + 1), begin_s, end_s
+    return first, last, begin_s, end_s
+
+
+def _beats_of_frames(scenario: Scenario, last: int, rate_hz: float, rng: np.random.Generator) -> FloatArray:
+    """When frames 0, 1, ... are taken, up to beat `last`, in nominal frame periods: at every beat, unless uneven."""
+    beats = np.arange(last + 1.0)
+    if scenario.rate_swing > 0:
+        phase = 2 * np.pi * (beats / (rate_hz * rng.uniform(*_SWING_S)) + rng.uniform())
+        interval = 1 / (1 - scenario.rate_swing * 0.5 * (1 + np.sin(phase)))
+        beats = np.cumsum(interval) - interval[0]
+    if scenario.dropped_frames > 0:
+        beats = beats[rng.uniform(size=len(beats)) >= scenario.dropped_frames]
+    return beats[beats <= last]
 
 
 def _exposure_jitter(n: int, deviation: float, rng: np.random.Generator) -> FloatArray:
     """Deviation (n,) of exposures from the regular beat, in frame periods: a wander that never swaps two frames."""
     if deviation == 0 or n == 0:
         return np.zeros(n)
-    memory = _JITTER_CORRELATION ** np.arange(150)
-    memory /= np.linalg.norm(memory)
-    wander = np.convolve(np.clip(rng.normal(size=n + len(memory) - 1), -5, 5), memory, mode="valid")
-    return deviation * np.clip(wander, -4, 4)
+    return deviation * np.clip(wander(n, _JITTER_CORRELATION, rng), -4, 4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,28 +16,42 @@ _DETECTIONS_COLUMNS = "frame x y"
 
 
 def write_flight(
-    simulated: SimulatedFlight, folder: str | Path, *, rate_hz: float = 5.0, name: str = "simulated"
+    simulated: SimulatedFlight,
+    folder: str | Path,
+    *,
+    rate_hz: float = 5.0,
+    name: str = "simulated",
+    write_videos: Callable[[Path], None] | None = None,
 ) -> Path:
     """Write a simulated flight into a new folder, which appears only once it is complete; returns the folder.
 
-    The true trajectory is sampled at `rate_hz`, its first sample where the flight begins. Raises ValueError on a rate
-    that is not positive, and InputError where the folder exists and is not empty, or cannot be made.
+    With `write_videos`, which is to write `video/ID.mp4` of every camera into the folder it is given, the flight
+    consists of these and has no detections. The true trajectory is sampled at `rate_hz`, its first sample where the
+    flight begins. Raises ValueError on a rate that is not positive, and InputError where the folder exists and is not
+    empty, or cannot be made.
     """
     from skytrace.io.atomic import atomic_folder
 
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise ValueError(f"rate_hz: expected a positive number, got {rate_hz}")
     with atomic_folder(folder, replace_run=False) as root:
-        for part in ("calibration", "detections", "truth"):
-            (root / part).mkdir(parents=True, exist_ok=True)
+        for part in ("calibration", "truth"):
+            (root / part).mkdir(parents=True)
         for recording in simulated.recordings:
-            _write_recording(root, recording)
+            _write_calibration(root / "calibration", recording)
+        if write_videos is None:
+            (root / "detections").mkdir()
+            for recording in simulated.recordings:
+                _write_detections(root / "detections", recording)
+        else:
+            write_videos(root)
         _write_truth(root / "truth", simulated, rate_hz)
-        (root / "flight.toml").write_text(_flight_toml(simulated, rate_hz, name), encoding="utf-8")
+        description = _flight_toml(simulated, rate_hz, name, videos=write_videos is not None)
+        (root / "flight.toml").write_text(description, encoding="utf-8")
     return Path(folder)
 
 
-def _flight_toml(simulated: SimulatedFlight, rate_hz: float, name: str) -> str:
+def _flight_toml(simulated: SimulatedFlight, rate_hz: float, name: str, videos: bool) -> str:
     lines = [f"name = {json.dumps(name)}"]
     for recording in simulated.recordings:
         camera_id = recording.camera_id
@@ -45,6 +60,11 @@ def _flight_toml(simulated: SimulatedFlight, rate_hz: float, name: str) -> str:
             "[[camera]]",
             f'id = "{camera_id}"',
             f'calibration = "calibration/{camera_id}.json"',
+        ]
+        if videos:
+            lines.append(f'video = "video/{camera_id}.mp4"')
+            continue
+        lines += [
             f'detections = "detections/{camera_id}.txt"',
             f'detections_columns = "{_DETECTIONS_COLUMNS}"',
         ]
@@ -61,8 +81,8 @@ def _flight_toml(simulated: SimulatedFlight, rate_hz: float, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write_recording(root: Path, recording: Recording) -> None:
-    camera_id, lens, track = recording.camera_id, recording.intrinsics, recording.tracks[0]
+def _write_calibration(folder: Path, recording: Recording) -> None:
+    lens = recording.intrinsics
     (fx, fy), (cx, cy) = lens.focal_px.tolist(), lens.principal_px.tolist()
     calibration = {
         "K-matrix": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
@@ -70,17 +90,21 @@ def _write_recording(root: Path, recording: Recording) -> None:
         "fps": recording.frame_rate_hz,
         "resolution": list(lens.size_px),
     }
-    _write_json(root / "calibration" / f"{camera_id}.json", calibration)
+    _write_json(folder / f"{recording.camera_id}.json", calibration)
+
+
+def _write_detections(folder: Path, recording: Recording) -> None:
+    camera_id, track = recording.camera_id, recording.tracks[0]
     whole = bool((track.xy_px == np.rint(track.xy_px)).all())
     pixel = "%d" if whole else "%.12g"
     np.savetxt(
-        root / "detections" / f"{camera_id}.txt",
+        folder / f"{camera_id}.txt",
         np.column_stack([track.frame, track.xy_px]),
         fmt=f"%d {pixel} {pixel}",
     )
     if track.time_s is not None:
         stamps = np.column_stack([track.frame.astype(float), track.time_s])
-        np.savetxt(root / "detections" / f"{camera_id}_timestamps.txt", stamps, fmt="%d %.9f")
+        np.savetxt(folder / f"{camera_id}_timestamps.txt", stamps, fmt="%d %.9f")
 
 
 def _write_truth(folder: Path, simulated: SimulatedFlight, rate_hz: float) -> None:
