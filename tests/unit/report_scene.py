@@ -117,7 +117,35 @@ def make_summary(reconstruction: Reconstruction) -> dict[str, object]:
         },
         "adjustment": {"iterations": 48, "converged": True},
         "synchronisation": {
-            "pairs": [{"camera0": first, "camera1": second, "offset_s": -12.5, "inlier_s": 20.5, "score": 151.0}],
+            "reference": first,
+            "cameras": {
+                camera_id: {
+                    "tied": True,
+                    "group": 0,
+                    "offset_s": -12.5 * index,
+                    "rate": 1.0,
+                    "offset_sd_s": 0.002 * (index > 0),
+                    "rate_sd": 1e-5 * (index > 0),
+                    "confidence": 0.9974,
+                }
+                for index, camera_id in enumerate(reconstruction.cameras)
+            },
+            "groups": [{"reference": first, "cameras": list(reconstruction.cameras)}],
+            "pairs": [
+                {
+                    "camera0": first,
+                    "camera1": second,
+                    "accepted": True,
+                    "confidence": 0.9974,
+                    "offset_s": -12.5,
+                    "rate": 1.0,
+                    "offset_sd_s": 0.002,
+                    "overlap_s": 21.0,
+                    "support_s": 20.5,
+                    "score": 151.0,
+                    "rivals": [{"offset_s": -70.2, "score": 80.0}],
+                }
+            ],
             "disagreement_s": [0.0021],
         },
     }

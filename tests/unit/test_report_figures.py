@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from html_page import coloured
 from hypothesis import given
 from hypothesis import strategies as st
 from report_scene import make_reconstruction
@@ -28,15 +29,6 @@ def without_residuals(reconstruction: Reconstruction) -> Reconstruction:
     none = Residuals(np.zeros(0), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, bool))
     cameras = {camera_id: replace(camera, residuals=none) for camera_id, camera in reconstruction.cameras.items()}
     return Reconstruction(reconstruction.reference, cameras, Trajectory(()))
-
-
-def coloured(value):
-    """The value with a colour for every "$name", which must exist in both schemes."""
-    if isinstance(value, str) and value.startswith("$"):
-        return {scheme: colours[value[1:]] for scheme, colours in theme.SCHEMES.items()}["dark"]
-    if isinstance(value, dict):
-        return {key: coloured(item) for key, item in value.items()}
-    return [coloured(item) for item in value] if isinstance(value, list) else value
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=20), st.floats(1e-6, 100))

@@ -5,7 +5,7 @@ Colours written "$name" are named in theme.py and put in by the page, which know
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -179,7 +179,7 @@ def timeline_figure(reconstruction: Reconstruction, path: PathSamples, unit: str
     rows = [("covered", covered, "$ink")]
     for index, (camera_id, camera) in enumerate(reconstruction.cameras.items()):
         rows.append((label(camera_id), sight_intervals(camera), camera_colour(index)))
-    data = [_bars(name, intervals, colour) for name, intervals, colour in rows]
+    data = [interval_bars(name, intervals, colour) for name, intervals, colour in rows]
     bars_px, certainty_px = 26 * len(rows), 110
     layout: Figure = {
         "margin": {"l": 8, "r": 12, "t": 30, "b": 40},
@@ -187,14 +187,7 @@ def timeline_figure(reconstruction: Reconstruction, path: PathSamples, unit: str
         "hovermode": "closest",
         "height": bars_px + 80,
         "xaxis": {"title": {"text": "time [s]"}, "anchor": "y", "range": time_range_s(reconstruction)},
-        "yaxis": {
-            "type": "category",
-            "categoryorder": "array",
-            "categoryarray": [name for name, _, _ in rows],
-            "range": [len(rows) - 0.4, -0.6],
-            "fixedrange": True,
-            "showgrid": False,
-        },
+        "yaxis": row_axis([name for name, _, _ in rows]),
     }
     if np.isfinite(path.sigma).any():
         share = bars_px / (bars_px + certainty_px)
@@ -225,7 +218,8 @@ def _certainty(path: PathSamples, unit: str) -> dict[str, Any]:
     }
 
 
-def _bars(name: str, intervals: FloatArray, colour: str) -> dict[str, Any]:
+def interval_bars(name: str, intervals: FloatArray, colour: str, width_px: int = 14) -> dict[str, Any]:
+    """Intervals (k, 2) of time as bars on the row of that name."""
     ends = np.column_stack([intervals, np.full(len(intervals), np.nan)]).ravel()
     return {
         "type": "scatter",
@@ -233,6 +227,18 @@ def _bars(name: str, intervals: FloatArray, colour: str) -> dict[str, Any]:
         "name": name,
         "x": numbers(ends, 1e-3),
         "y": [None if np.isnan(end) else name for end in ends],
-        "line": {"width": 14, "color": colour},
+        "line": {"width": width_px, "color": colour},
         "hovertemplate": "%{y}: %{x:.2f} s<extra></extra>",
+    }
+
+
+def row_axis(names: Sequence[str]) -> dict[str, Any]:
+    """The axis of rows of bars, from top to bottom."""
+    return {
+        "type": "category",
+        "categoryorder": "array",
+        "categoryarray": list(names),
+        "range": [len(names) - 0.4, -0.6],
+        "fixedrange": True,
+        "showgrid": False,
     }

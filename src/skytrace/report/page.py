@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from html import escape
-from importlib import resources
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -28,7 +25,9 @@ from skytrace.report.figures import (
 from skytrace.report.picture import picture_from_world
 from skytrace.report.residual_figures import residual_figures
 from skytrace.report.samples import MAX_RESIDUALS, PathSamples, path_samples, sight_intervals
-from skytrace.report.tables import camera_ids, camera_table, definitions, dropped_table, observability_table, pair_table
+from skytrace.report.shell import filled, options, section, tiles, warnings_card, whole_page
+from skytrace.report.sync_tables import clock_table, pair_table
+from skytrace.report.tables import camera_ids, camera_table, definitions, dropped_table, observability_table
 from skytrace.report.theme import camera_colour, themes
 from skytrace.report.words import (
     NO_BREAK,
@@ -59,29 +58,23 @@ def render_report(
     """
     if truth_in_world is not None and (np.ndim(truth_in_world) != 2 or np.shape(truth_in_world)[1] != 3):
         raise ValueError(f"truth_in_world: expected shape (n, 3), got {np.shape(truth_in_world)}")
-    from plotly.offline import get_plotlyjs
-
     path, unit = path_samples(reconstruction), unit_of(reconstruction)
     ids, choices = camera_ids(reconstruction, summary), colour_choices(path, unit)
-    sentences = summary_sentences(reconstruction, len(ids))
-    return Template(_resource("page.html")).substitute(
-        title=escape(name),
-        css=_resource("page.css"),
-        js=_resource("page.js"),
-        # Inside a script element only its end tag, in a string or not, has a meaning to the HTML parser.
-        plotly=get_plotlyjs().replace("</script", "<\\/script"),
-        data=_script_data(_data(reconstruction, path, choices, unit, truth_in_world)),
-        warnings=_warnings(summary),
-        summary=escape(" ".join(sentences)),
+    main = filled(
+        "page.html",
+        warnings=warnings_card(summary.get("warnings") or ()),
+        summary=escape(" ".join(summary_sentences(reconstruction, len(ids)))),
         frame=escape(" ".join(frame_sentences(reconstruction))),
         tiles=_tiles(reconstruction, len(ids), path, unit),
-        colours=_options([choice["key"] for choice in choices], [choice["label"] for choice in choices]),
+        colours=options([choice["key"] for choice in choices], [choice["label"] for choice in choices]),
         scene_caption=_scene_caption(truth_in_world is not None),
         cameras=camera_table(reconstruction, summary, unit),
-        camera_options=_options(map(str, range(len(reconstruction.cameras))), reconstruction.cameras),
-        dropped=_section("dropped", "What was dropped", dropped_table(reconstruction, summary), _DROPPED),
+        camera_options=options(map(str, range(len(reconstruction.cameras))), reconstruction.cameras),
+        dropped=section("dropped", "What was dropped", dropped_table(reconstruction, summary), _DROPPED),
         details=_details(ids, summary, settings, versions),
     )
+    data = _data(reconstruction, path, choices, unit, truth_in_world)
+    return whole_page(name, "skytrace report", main, data, ["page.js"])
 
 
 _DROPPED = (
@@ -126,43 +119,9 @@ def _data(
     }
 
 
-def _script_data(data: Mapping[str, Any]) -> str:
-    """JSON in which no text can end the script element around it."""
-    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return text.replace("<", "\\u003c")
-
-
-def _resource(name: str) -> str:
-    return resources.files("skytrace.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _options(values: Any, labels: Any) -> str:
-    return "".join(f'<option value="{escape(v)}">{escape(t)}</option>\n' for v, t in zip(values, labels, strict=True))
-
-
-def _section(anchor: str, title: str, content: str, note: str = "") -> str:
-    if not content:
-        return ""
-    quiet = f'<p class="quiet">{escape(note)}</p>\n' if note else ""
-    heading = f'<h2 id="{anchor}-title">{escape(title)}</h2>'
-    return f'<section aria-labelledby="{anchor}-title">\n{heading}\n{content}\n{quiet}</section>\n'
-
-
-def _warnings(summary: Mapping[str, Any]) -> str:
-    warnings = summary.get("warnings") or ()
-    if not warnings:
-        return ""
-    items = "".join(f"<li>{escape(str(warning))}</li>\n" for warning in warnings)
-    title = count(len(warnings), "warning")
-    return (
-        '<section class="card warnings" aria-labelledby="warnings-title">\n'
-        f'<h2 id="warnings-title">{title}</h2>\n<ul>\n{items}</ul>\n</section>\n'
-    )
-
-
 def _tiles(reconstruction: Reconstruction, n_cameras: int, path: PathSamples, unit: str) -> str:
     trajectory = reconstruction.trajectory
-    tiles = [
+    shown = [
         ("cameras registered", f"{len(reconstruction.cameras)} of {n_cameras}"),
         ("covered", f"{seconds(trajectory.covered_s)}, {count(len(trajectory.segments), 'segment')}"),
         ("median reprojection error", f"{number(pooled_median_px(reconstruction), 2)} px"),
@@ -172,8 +131,8 @@ def _tiles(reconstruction: Reconstruction, n_cameras: int, path: PathSamples, un
         low, high = np.percentile(path.position, [2, 98], axis=0)  # as the summary measures the extent
         extent = float(np.linalg.norm(high - low))
         share = f", {number(100 * float(np.median(sigma)) / extent, 2)}{NO_BREAK}% of the extent" if extent > 0 else ""
-        tiles.append(("median posterior deviation", f"{number(float(np.median(sigma)), 2)} {unit}{share}"))
-    return "".join(f"<div><dt>{escape(title)}</dt><dd>{escape(value)}</dd></div>\n" for title, value in tiles)
+        shown.append(("median posterior deviation", f"{number(float(np.median(sigma)), 2)} {unit}{share}"))
+    return tiles(shown)
 
 
 def _scene_caption(has_truth: bool) -> str:
@@ -187,11 +146,10 @@ def _scene_caption(has_truth: bool) -> str:
 def _details(
     ids: list[str], summary: Mapping[str, Any], settings: Mapping[str, Any], versions: Mapping[str, Any]
 ) -> str:
-    synchronisation = summary.get("synchronisation") or {}
     timings = {f"{stage} [s]": value for stage, value in (summary.get("timings_s") or {}).items()}
     parts = [
         ("What the data determine", observability_table(summary.get("observability") or {}, ids)),
-        ("Synchronisation", pair_table(synchronisation)),
+        ("Synchronisation", _synchronisation(summary.get("synchronisation") or {})),
         ("Adjustment", definitions(summary.get("adjustment") or {})),
         ("Computing time", definitions(timings)),
         ("Settings", definitions(settings)),
@@ -202,3 +160,14 @@ def _details(
         for title, content in parts
         if content
     )
+
+
+def _synchronisation(document: Mapping[str, Any]) -> str:
+    content = clock_table(document, {}) + pair_table(document)
+    return f'{content}\n<p class="quiet">{escape(_BEFORE)}</p>' if content else ""
+
+
+_BEFORE = (
+    "As found from the tracks of two cameras at a time, before positions were known; the clocks in the table of "
+    "cameras are those after the adjustment of everything together."
+)

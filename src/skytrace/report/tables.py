@@ -81,7 +81,7 @@ def _estimates(camera: CameraEstimate, known: Mapping[str, Any], unit: str) -> l
     clock, deviation = camera.clock, camera.clock_deviation
     given_hz = known.get("frame_rate_given_hz")
     rate = f"{number(1 / clock.period_s, 6)} Hz"
-    if _finite(given_hz):
+    if finite(given_hz):
         rate += f", given {number(given_hz, 6)}"
     period = with_deviation(1e3 * clock.period_s, 1e3 * deviation.period_s)
     readout = with_deviation(1e3 * clock.readout_s, 1e3 * deviation.readout_s)
@@ -135,27 +135,6 @@ def _any(cameras: Mapping[str, Mapping[str, Any]], reason: str) -> bool:
     return any(camera["dropped"].get(reason, 0) for camera in cameras.values())
 
 
-def pair_table(synchronisation: Mapping[str, Any]) -> str:
-    """The camera pairs that were synchronised; empty without any."""
-    pairs = synchronisation.get("pairs") or ()
-    off_s = synchronisation.get("disagreement_s")
-    if off_s is None or len(off_s) != len(pairs):
-        off_s = [None] * len(pairs)
-    rows = []
-    for pair, seconds_off in zip(pairs, off_s, strict=True):
-        names = f"{pair.get('camera0', '?')} – {pair.get('camera1', '?')}"
-        offset, view = _number_or_blank(pair.get("offset_s"), 6), _number_or_blank(pair.get("inlier_s"))
-        score = _number_or_blank(pair.get("score"))
-        off = _number_or_blank(1e3 * seconds_off if _finite(seconds_off) else None)
-        rows.append((cell(names), [offset, view, score, off]))
-    headers = ("pair", "offset [s]", "agreeing view [s]", "score", "off the joint solution [ms]")
-    return table("Synchronised pairs of cameras", headers, rows) if rows else ""
-
-
-def _number_or_blank(value: Any, digits: int = 3) -> str:
-    return cell(number(value, digits)) if _finite(value) else ""
-
-
 def observability_table(observability: Mapping[str, Any], ids: Sequence[str]) -> str:
     """What determined each parameter of each camera, cameras in the order of `ids`; empty without any.
 
@@ -184,7 +163,7 @@ def _verdict(verdict: Mapping[str, Any] | None) -> str:
         return ""
     value, deviation = verdict.get("value"), verdict.get("posterior_sd")
     note = ""
-    if _finite(value) and _finite(deviation):
+    if finite(value) and finite(deviation):
         note = with_deviation(value, deviation) if deviation > 0 else number(value)
     return cell(str(verdict["determined"]), note)
 
@@ -225,5 +204,6 @@ def _of_cameras(summary: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
     return summary.get("cameras") or {}
 
 
-def _finite(value: Any) -> TypeGuard[float]:
+def finite(value: Any) -> TypeGuard[float]:
+    """Whether a value of a document is a number that can be written."""
     return isinstance(value, int | float | np.number) and math.isfinite(value)

@@ -31,6 +31,7 @@ SCHEMES: dict[str, dict[str, str]] = {
         "card": "#ffffff",
         "accent": "#0b62b8",
         "target": "#c4291c",
+        "caution": "#a96d00",
     },
     "dark": {
         "ink": "#e6eaf0",
@@ -40,6 +41,7 @@ SCHEMES: dict[str, dict[str, str]] = {
         "card": "#1a2028",
         "accent": "#6cb2f5",
         "target": "#ff7a6b",
+        "caution": "#e0a63a",
     },
 }
 

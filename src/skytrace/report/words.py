@@ -39,6 +39,15 @@ def with_deviation(value: float, deviation: float) -> str:
     return f"{value:,.{decimals}f} {PLUS_MINUS} {deviation:,.{decimals}f}".replace("-", MINUS)
 
 
+def probability(value: float) -> str:
+    """A probability to as many digits as tell it from none and from certainty: '0.42', '0.9974', '> 0.9999'."""
+    if value > 0.9999:
+        return f">{NO_BREAK}0.9999"
+    if value < 0.0001:
+        return f"<{NO_BREAK}0.0001"
+    return f"{value:.2f}" if 0.01 <= value <= 0.99 else f"{value:.4f}"
+
+
 def seconds(value: float) -> str:
     """A duration: '8.3 s', '2 min 5 s', never broken across lines."""
     if value < 60:
