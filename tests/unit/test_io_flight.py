@@ -25,6 +25,7 @@ id = "b"
 calibration = "lens.json"
 detections = "b.csv"
 """  # the line of b's header is 9, given HEAD and A
+MOMENT = "[[simultaneous]]\n"
 
 
 @pytest.fixture
@@ -35,6 +36,9 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "b.csv").write_text("frame,x,y\n5,1,2\n6,3,4\n")
     (tmp_path / "stamped.csv").write_text("frame,x,y,time_s\n5,1,2,0.5\n6,3,4,0.54\n8,5,6,0.62\n")
     (tmp_path / "times.txt").write_text("3 0.1\n4 0.14\n5 0.17\n6 0.22\n")
+    (tmp_path / "probe.txt").write_text("".join(f"{0.04 * k:.6f}\n" for k in range(8)))
+    (tmp_path / "ms.txt").write_text("3 100\n4 140\n5 180\n6 220\n")
+    (tmp_path / "ms.csv").write_text("frame,x,y,time_s\n5,1,2,500\n6,3,4,540\n8,5,6,620\n")
     (tmp_path / "rtk.txt").write_text("1 2 3\n4 5 6\n")
     (tmp_path / "pos.csv").write_text("camera,x,y,z\na,1,2,3\n")
     return tmp_path
@@ -91,6 +95,71 @@ def test_time_stamps_are_attached_to_the_detections(folder):
 def test_frame_rate_from_time_stamps_where_nothing_else_tells(folder):
     text = HEAD + A + B.replace("b.csv", "stamped.csv").replace("lens", "silent")
     assert flight(folder, text).cameras[1].frame_rate_hz == pytest.approx(25)
+
+
+def test_a_list_by_ffprobe_is_a_time_base(folder):
+    (folder / "probe.txt").write_text("".join(f"{0.04 * k:.6f}\n" for k in range(8)))
+    got = flight(folder, HEAD + A + 'timestamps = "probe.txt"\n' + B).cameras[0]
+    assert got.detections.time_s is not None
+    assert got.detections.time_s.tolist() == pytest.approx([0.12, 0.16, 0.24])
+    assert got.camera_time_s(2.5) == pytest.approx(0.1)
+
+
+def test_frames_become_times_of_the_cameras_own_clock(folder):
+    text = HEAD + A + 'timestamps = "times.txt"\n' + B.replace("b.csv", "stamped.csv")
+    (folder / "plain.csv").write_text("frame,x,y\n5,1,2\n6,3,4\n")
+    a, b = flight(folder, text).cameras
+    assert a.camera_time_s(4.5) == pytest.approx(0.155)  # between stamps
+    assert a.camera_time_s(0) == pytest.approx(0.1 - 3 / 25)  # before the first
+    assert a.camera_time_s(8) == pytest.approx(0.22 + 2 / 25)  # after the last
+    assert b.camera_time_s(7) == pytest.approx(0.58)  # a column of the detections
+    plain = flight(folder, HEAD + A + B.replace("b.csv", "plain.csv")).cameras[1]
+    assert plain.camera_time_s(50) == pytest.approx(2.0)
+
+
+def test_what_is_known_of_the_clocks(folder):
+    text = (
+        HEAD
+        + A
+        + "start_time = 2024-05-03T10:15:00Z\n"
+        + B
+        + "start_time = 2024-05-03T12:15:07.25+02:00\n"
+        + "[[simultaneous]]\nframes = { a = 12, b = 30.5 }\n"
+        + "[[simultaneous]]\nsigma_s = 0.01\n[simultaneous.frames]\na = 40\nb = 58\n"
+    )
+    got = flight(folder, text)
+    a, b = (c.start_time for c in got.cameras)
+    assert a is not None
+    assert b is not None
+    assert (b - a).total_seconds() == 7.25
+    assert [(m.name, dict(m.frames), m.sigma_s) for m in got.simultaneous] == [
+        ("[[simultaneous]] 1", {"a": 12, "b": 30.5}, None),
+        ("[[simultaneous]] 2", {"a": 40, "b": 58}, 0.01),
+    ]
+    assert flight(folder, HEAD + A + B).simultaneous == ()
+
+
+def test_time_stamps_that_contradict_the_frame_rate_are_believed_and_said(folder):
+    """The calibration says 25, the file's frames are 50 a second."""
+    (folder / "fast.csv").write_text("frame,x,y,time_s\n5,1,2,0.10\n6,3,4,0.12\n8,5,6,0.16\n")
+    text = HEAD + A + B.replace("b.csv", "fast.csv")
+    got = flight(folder, text)
+    assert got.cameras[1].frame_rate_hz == pytest.approx(50)
+    (warning,) = got.warnings
+    assert "Camera b: its time stamps tell 50 frames a second, its calibration 25" in warning
+    (warning,) = flight(folder, text + "frame_rate_hz = 24\n").warnings
+    assert "frame_rate_hz 24" in warning
+    near = flight(folder, text + "frame_rate_hz = 52\n")
+    assert near.cameras[1].frame_rate_hz == 52
+    assert near.warnings == ()
+
+
+def test_frames_that_share_a_time_are_read(folder):
+    (folder / "times.txt").write_text("3 0.1\n4 0.14\n5 0.14\n6 0.22\n")
+    got = flight(folder, HEAD + A + 'timestamps = "times.txt"\n' + B)
+    assert got.cameras[0].detections.time_s is not None
+    (folder / "twice.csv").write_text("frame,x,y,time_s\n5,1,2,0.5\n6,3,4,0.5\n8,5,6,0.58\n")
+    assert flight(folder, HEAD + A + B.replace("b.csv", "twice.csv")).cameras[1].camera_time_s(6) == 0.5
 
 
 def test_calibration_chosen_from_one_file(folder):
@@ -152,6 +221,32 @@ def test_calibration_chosen_from_one_file(folder):
         (HEAD + A + B.replace("b.csv", "."), 12, "detections: no such file"),
         (HEAD + A + B + "timestamps = 'none.txt'\n", 13, "timestamps: no such file"),
         (HEAD + A + B.replace("b.csv", "stamped.csv") + "timestamps = 'times.txt'\n", 13, "one or the other"),
+        (HEAD + A + B + "start_time = 2024-05-03\n", 13, "start_time: expected a date and time such as"),
+        (HEAD + A + B + "start_time = 10:15:00\n", 13, "got only a time of day"),
+        (HEAD + A + B + "start_time = 'noon'\n", 13, "start_time: expected a date and time such as"),
+        (HEAD + A + B + "start_time = 12\n", 13, "got a number"),
+        (
+            HEAD + A + "start_time = 2024-05-03T10:15:00\n" + B + "start_time = 2024-05-03T10:15:00Z\n",
+            8,
+            "camera 'a': start_time: give every one with its time zone",
+        ),
+        (HEAD + A + B + MOMENT + "frames = { a = 1, b = '2' }\n", 14, "frames: expected a number, got a string"),
+        (HEAD + A + B + MOMENT + "frames = [1, 2]\n", 14, "frames: expected a table, got a list"),
+        (HEAD + A + B + MOMENT + "frames = { a = 1 }\n", 14, "frames of at least two cameras, got 1"),
+        (HEAD + A + B + MOMENT + "frames = { a = 1, bb = 2 }\n", 14, "unknown camera 'bb' (did you mean 'b'?)"),
+        (HEAD + A + B + MOMENT + "frames = { a = 1, b = -2 }\n", 14, "b: expected a frame number from 0, got -2"),
+        (HEAD + A + B + MOMENT + "frames = { a = 1, b = nan }\n", 14, "b: expected a frame number"),
+        (HEAD + A + B + MOMENT + "frames = { a = 1, b = 2 }\nsigma_s = 0\n", 15, "sigma_s: expected a positive"),
+        (HEAD + A + B + MOMENT + "sigma_s = 1\n", 13, "[[simultaneous]] 1: the key 'frames' is missing"),
+        (HEAD + A + B + MOMENT + "frame = { a = 1, b = 2 }\n", 14, "unknown key 'frame' (did you mean 'frames'?)"),
+        (HEAD + A + B + "[simultaneous]\nframes = { a = 1, b = 2 }\n", 13, "[[simultaneous]] tables (double brackets)"),
+        (
+            HEAD + A + "timestamps = 'probe.txt'\n" + B + MOMENT + "frames = { a = 9, b = 2 }\n",
+            15,
+            "beyond the last one",
+        ),
+        (HEAD + A + "timestamps = 'ms.txt'\n" + B, 8, "ms.txt: its time stamps tell 0.025 frames a second where 25"),
+        (HEAD + A + B.replace("b.csv", "ms.csv").replace("lens", "silent"), 12, "look like milliseconds"),
         (HEAD + A.replace("[[camera]]", "[camera]"), 3, "double brackets"),
         (HEAD + A + A.replace("id =", "id"), 9, "not valid TOML"),
         (HEAD + A + 'id = "c"\n' + B, 8, "not valid TOML"),
@@ -175,13 +270,17 @@ def test_no_flight_there(tmp_path):
 def test_mistakes_in_other_files_name_those(folder):
     error = refused(folder, HEAD + A.replace('detections_columns = "x y frame"\n', "") + B)
     assert (error.path, error.line) == (str(folder / "a.txt"), 1)
-    (folder / "times.txt").write_text("3 0.1\n4 0.14\n6 0.14\n")
+    (folder / "times.txt").write_text("3 0.1\n4 0.14\n6 0.13\n")
     error = refused(folder, HEAD + A + 'timestamps = "times.txt"\n' + B)
     assert (error.path, error.line) == (str(folder / "times.txt"), 3)
     (folder / "times.txt").write_text("3 0.1\n4 0.14\n5 0.17\n")
     error = refused(folder, HEAD + A + 'timestamps = "times.txt"\n' + B)
     assert (error.path, error.line) == (str(folder / "a.txt"), 3)
     assert "frame 6 has no time stamp" in error.message
+    (folder / "times.txt").write_text("0.00\n0.04\n0.08\n0.12\n0.16\n0.20\n")
+    error = refused(folder, HEAD + A + 'timestamps = "times.txt"\n' + B)
+    assert (error.path, error.line) == (str(folder / "a.txt"), 3)
+    assert "frames count from 0 in the video that was listed" in error.message
 
 
 def test_what_is_read_cannot_be_changed(folder):

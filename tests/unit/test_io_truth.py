@@ -38,7 +38,7 @@ def test_time_stamps(tmp_path, text):
         ("1 0.1\n2.5 0.2\n", 2, "whole frame"),
         ("1 0.1\n2 nan\n", 2, "finite time_s"),
         ("1 0.1\n2 0.2\n2 0.3\n", 3, "frame to rise"),
-        ("1 0.1\n2 0.2\n# c\n3 0.2\n", 4, "time_s to rise from row to row, got 0.2 after 0.2"),
+        ("1 0.1\n2 0.2\n# c\n3 0.19\n", 4, "time_s not to fall from row to row, got 0.19 after 0.2"),
     ],
 )
 def test_bad_time_stamps(tmp_path, text, line, words):

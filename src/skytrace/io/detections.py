@@ -40,7 +40,7 @@ class RawDetections:
     x: FloatArray  # (n,) raw (distorted) pixels; NaN where the file has no finite number
     y: FloatArray  # (n,) raw pixels
     sigma_px: FloatArray | None  # (n,) positive where x and y are finite
-    time_s: FloatArray | None  # (n,) time stamps on the camera's own clock, strictly increasing with the frame
+    time_s: FloatArray | None  # (n,) time stamps on the camera's own clock, never falling with the frame
     line: IntArray  # (n,) line numbers in the file, from 1
     n_absent: int = 0  # rows `0 0` that said "not visible", dropped
     n_other_target: int = 0  # rows of tracks that are not the target's, dropped
@@ -198,14 +198,14 @@ def _refuse_rows(table: TextTable, bad: np.ndarray, values: FloatArray, expected
 
 
 def _refuse_falling_time(table: TextTable, rows: IntArray, frame: FloatArray, time_s: FloatArray) -> None:
-    """Rows of several tracks may repeat a frame, with the same time; from frame to frame time must rise."""
+    """Rows of several tracks may repeat a frame, with the same time; from frame to frame time must not fall."""
     order = rows[np.argsort(frame[rows], kind="stable")]
     step, rise = np.diff(frame[order]), np.diff(time_s[order])
-    wrong = np.where(step == 0, rise != 0, rise <= 0)
+    wrong = np.where(step == 0, rise != 0, rise < 0)
     if wrong.any():
         row, before = int(order[1:][wrong][0]), int(order[:-1][wrong][0])
         message = (
-            f"time stamps must rise with the frame number: frame {frame[row]:.0f} at {time_s[row]:.6f} s, "
+            f"time stamps must follow the frame number: frame {frame[row]:.0f} at {time_s[row]:.6f} s, "
             f"frame {frame[before]:.0f} at {time_s[before]:.6f} s (line {table.line[before]})"
         )
         raise InputError(table.path, message, line=int(table.line[row]))

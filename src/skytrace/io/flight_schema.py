@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from datetime import datetime
 from pathlib import Path
 
 import msgspec
@@ -30,6 +31,14 @@ class CameraKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     position_m: Vector3 | None = None
     position_wgs84: Vector3 | None = None
     readout_s: float | None = None
+    start_time: datetime | None = None
+
+
+class MomentKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """One `[[simultaneous]]`."""
+
+    frames: dict[str, float]
+    sigma_s: float | None = None
 
 
 class TruthKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -46,11 +55,29 @@ class FlightKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     name: str | None = None
     camera: list[CameraKeys] = []
+    simultaneous: list[MomentKeys] = []
     truth: TruthKeys | None = None
 
 
-_TABLES: dict[str, type[msgspec.Struct]] = {"": FlightKeys, "camera": CameraKeys, "truth": TruthKeys}
-_PLAIN_TYPES = {"str": "a string", "float": "a number", "int": "a number", "bool": "true or false", "null": "nothing"}
+_TABLES: dict[str, type[msgspec.Struct]] = {
+    "": FlightKeys,
+    "camera": CameraKeys,
+    "simultaneous": MomentKeys,
+    "truth": TruthKeys,
+}
+_DATE_AND_TIME = "a date and time such as 2024-05-03T10:15:00Z"
+_PLAIN_TYPES = {
+    "str": "a string",
+    "float": "a number",
+    "int": "a number",
+    "bool": "true or false",
+    "null": "nothing",
+    "datetime": _DATE_AND_TIME,
+    "date": "only a date",
+    "time": "only a time of day",
+    "object": "a table",
+    "array": "a list",
+}
 
 
 def read_flight_keys(path: Path) -> tuple[FlightKeys, TomlFile]:
@@ -66,7 +93,7 @@ def _explained(toml: TomlFile, text: str) -> InputError:
     """msgspec's message about `$.camera[1].offset_s` in the words and with the line of the file."""
     match = re.fullmatch(r"(?P<what>.*?)(?: - at `\$\.?(?P<place>.*)`)?", text)
     what, place = (match["what"], match["place"] or "") if match else (text, "")
-    parts = re.fullmatch(r"(?P<table>camera|truth)(?:\[(?P<index>\d+)\])?(?:\.(?P<key>\w+))?.*", place)
+    parts = re.fullmatch(r"(?P<table>camera|simultaneous|truth)(?:\[(?P<index>\d+)\])?(?:\.(?P<key>\w+))?.*", place)
     if parts is None:
         table, index, key = "", 0, re.sub(r"\W.*", "", place)
     else:
@@ -74,7 +101,15 @@ def _explained(toml: TomlFile, text: str) -> InputError:
     if table == "camera" and parts is not None and parts["index"] is None:
         line = toml.line("camera", 0) or toml.line("", 0, "camera")
         return InputError(toml.path, "expected one [[camera]] table (double brackets) for each camera", line=line)
-    where = {"": "", "camera": f"camera {index + 1}: ", "truth": "[truth]: "}[table]
+    if table == "simultaneous" and parts is not None and parts["index"] is None:
+        line = toml.line(table, 0) or toml.line("", 0, table)
+        return InputError(toml.path, "expected [[simultaneous]] tables (double brackets), one a moment", line=line)
+    where = {
+        "": "",
+        "camera": f"camera {index + 1}: ",
+        "simultaneous": f"[[simultaneous]] {index + 1}: ",
+        "truth": "[truth]: ",
+    }[table]
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
         known = _TABLES[table].__struct_fields__
         what, key = f"unknown key {unknown[1]!r}{did_you_mean(unknown[1], known)}; known: {_words(known)}", unknown[1]
@@ -83,6 +118,8 @@ def _explained(toml: TomlFile, text: str) -> InputError:
     elif wrong := re.fullmatch(r"Expected `(.*)`, got `(.*)`", what):
         wanted = [_PLAIN_TYPES.get(w, w) for w in wrong[1].split(" | ") if w != "null"]
         what = f"{key}: expected {' or '.join(wanted)}, got {_PLAIN_TYPES.get(wrong[2], wrong[2])}"
+    elif "RFC3339" in what:
+        what = f"{key}: expected {_DATE_AND_TIME}, got another text"
     else:
         what = f"{key}: {what[:1].lower()}{what[1:]}" if key else what
     # What stands at the top may be a misspelt table or, the other way round, a table given as a plain key.

@@ -66,5 +66,25 @@ class Recording:
         return track.frame / self.frame_rate_hz if track.time_s is None else track.time_s
 
     @property
+    def stamped(self) -> bool:
+        """Whether every track carries its frames' time stamps."""
+        return bool(self.tracks) and all(track.time_s is not None for track in self.tracks)
+
+    def frame_line(self) -> tuple[float, float]:
+        """(time of frame 0, seconds a frame): the straight line through the camera times of the detections' frames.
+
+        Without time stamps that is (0, 1 / frame_rate_hz); with them the least-squares line.
+        """
+        period_s = 1 / self.frame_rate_hz
+        if not self.stamped or self.n_detections < 2:
+            return 0.0, period_s
+        frame = np.concatenate([track.frame for track in self.tracks]).astype(np.float64)
+        time_s = np.concatenate([self.camera_time_s(track) for track in self.tracks])
+        from_mean = frame - frame.mean()
+        if from_mean.any():
+            period_s = float(from_mean @ (time_s - time_s.mean()) / (from_mean @ from_mean))
+        return float(time_s.mean() - period_s * frame.mean()), period_s
+
+    @property
     def n_detections(self) -> int:
         return sum(len(track) for track in self.tracks)
