@@ -5,8 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
+
+# How long an example takes says more about the machine than about the code.
+hypothesis.settings.register_profile("skytrace", deadline=None)
+hypothesis.settings.load_profile("skytrace")
 
 
 @pytest.fixture(scope="session")

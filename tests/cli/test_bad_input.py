@@ -126,6 +126,40 @@ MISTAKES = {
         None,
         [".json", ".yml", ".toml"],
     ),
+    "a list of times that steps back": (
+        lambda folder: (
+            swap("flight.toml", "frame_rate_hz = 25", 'frame_rate_hz = 25\ntimestamps = "times.txt"')(folder),
+            write("times.txt", "".join(f"{0.04 * (k % 25):.6f}\n" for k in range(50)))(folder),
+        ),
+        "times.txt",
+        26,
+        ["steps back", "one recording"],
+    ),
+    "times in milliseconds": (
+        lambda folder: (
+            swap("flight.toml", "frame_rate_hz = 25", 'frame_rate_hz = 25\ntimestamps = "times.txt"')(folder),
+            write("times.txt", "".join(f"{k} {40 * k}\n" for k in range(30)))(folder),
+        ),
+        "flight.toml",
+        16,
+        ["'right'", "times.txt", "milliseconds", "expected seconds"],
+    ),
+    "a moment of an unknown camera": (
+        write("flight.toml", FLIGHT + "\n[[simultaneous]]\nframes = { left = 3, rihgt = 5 }\n"),
+        "flight.toml",
+        18,
+        ["[[simultaneous]] 1", "'rihgt'", "did you mean 'right'"],
+    ),
+    "start times with and without a zone": (
+        write(
+            "flight.toml",
+            FLIGHT.replace("frame_rate_hz = 30", "frame_rate_hz = 30\nstart_time = 2024-05-03T10:15:00")
+            + "start_time = 2024-05-03T10:15:00Z\n",
+        ),
+        "flight.toml",
+        9,
+        ["'left'", "start_time", "time zone"],
+    ),
     "truth that is not there": (
         write("flight.toml", FLIGHT + '\n[truth]\ntrajectory = "rtk.txt"\n'),
         "flight.toml",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from skytrace.errors import ReconstructionError
+from skytrace.estimation.hints import Hints, OffsetHint
 from skytrace.model.track import Recording
 from skytrace.pipeline.config import Config
 from skytrace.pipeline.offline import outcome, run
@@ -160,8 +161,9 @@ def test_false_hints_do_no_harm() -> None:
     simulated = simulate(presets["demo"], np.random.default_rng(6))
     prepared = prepare_recordings(simulated.recordings, Config().clean)
     ends = []
-    for hints in ({}, {"cam0": 0.0, "cam1": 77.0, "cam2": -5.0}):
-        ends.append(outcome(run(prepared.recordings, Config(), hints_s=hints)).reconstruction)
+    for given in ({}, {"cam0": 0.0, "cam1": 77.0, "cam2": -5.0}):
+        hints = Hints(tuple(OffsetHint(c, offset_s) for c, offset_s in given.items()))
+        ends.append(outcome(run(prepared.recordings, Config(), hints=hints)).reconstruction)
     for camera_id, camera in ends[0].cameras.items():
         assert camera.clock.offset_s == pytest.approx(ends[1].cameras[camera_id].clock.offset_s, abs=1e-3)
 

@@ -13,6 +13,7 @@ from skytrace.cli import run as run_command
 from skytrace.errors import ReconstructionError
 from skytrace.estimation.clean import CleanSettings
 from skytrace.estimation.correspond import image_path
+from skytrace.estimation.hints import Hints, OffsetHint
 from skytrace.estimation.synchronize import Synchronisation, SyncSettings, synchronize, weigh_offsets
 from skytrace.model.track import Recording
 from skytrace.pipeline.prepare import prepare_recordings
@@ -27,8 +28,12 @@ def paths_of(recordings):
     return {r.camera_id: image_path(r, 0.6) for r in prepared}
 
 
-def find(recordings, hints_s=None) -> Synchronisation:
-    return synchronize(paths_of(recordings), SyncSettings(), np.random.default_rng(0), hints_s)
+def find(recordings, hints: Hints | None = None) -> Synchronisation:
+    return synchronize(paths_of(recordings), SyncSettings(), np.random.default_rng(0), hints)
+
+
+def offsets(given_s: dict[str, float]) -> Hints:
+    return Hints(tuple(OffsetHint(c, offset_s) for c, offset_s in given_s.items()))
 
 
 def camera_time_s(flight: SimulatedFlight, recording: Recording, world_s: float) -> float:
@@ -113,8 +118,8 @@ def test_wrong_hints_are_found_out_and_right_ones_are_not_blamed() -> None:
     flight = simulate(presets["demo"], np.random.default_rng(3))
     recordings = flight.recordings[:3]
     true_s = {r.camera_id: flight.truth.cameras[r.camera_id].clock.offset_s for r in recordings}
-    assert find(recordings, true_s).warnings == ()
-    wrong = find(recordings, {**true_s, "cam1": true_s["cam1"] + 12.0})
+    assert find(recordings, offsets(true_s)).warnings == ()
+    wrong = find(recordings, offsets({**true_s, "cam1": true_s["cam1"] + 12.0}))
     assert [w for w in wrong.warnings if "cam1" in w]
     assert len(wrong.warnings) == 1
     assert max(abs(e) for e in errors_s(flight, recordings, wrong).values()) < FRAME_S
@@ -126,9 +131,18 @@ def test_the_command_writes_what_it_found(tmp_path: Path, capsys: pytest.Capture
     assert run_command(["sync", str(tmp_path / "flight"), "-o", str(tmp_path / "sync.json"), "--json"]) == 0
     document = json.loads((tmp_path / "sync.json").read_text())
     assert json.loads(capsys.readouterr().out) == document
-    assert set(document) == {"reference", "cameras", "groups", "pairs", "disagreement_s", "warnings"}
+    assert set(document) == {"reference", "cameras", "groups", "pairs", "disagreement_s", "hints", "warnings"}
     assert len(document["pairs"]) == 3
     for camera in document["cameras"].values():
         assert camera["tied"]
         assert camera["confidence"] > 0.95
     assert sorted(p.name for p in tmp_path.iterdir()) == ["flight", "sync.json"]
+
+
+@pytest.mark.parametrize("motion", ["hover", "straight"])
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_flights_that_fix_no_offset_tie_nobody(motion: str, seed: int) -> None:
+    flight = simulate(Scenario(motion=motion, duration_s=60.0), np.random.default_rng(seed))  # type: ignore[arg-type]
+    paths = {r.camera_id: image_path(r, 0.6) for r in flight.recordings}
+    with pytest.raises(ReconstructionError, match=r"hardly moves|straight line"):
+        synchronize(paths, SyncSettings(), np.random.default_rng(0))

@@ -91,6 +91,16 @@ def test_of_two_detections_in_a_frame_the_one_that_continues_the_track_stays(see
     np.testing.assert_array_equal(track.xy_px, smooth_track()[1])
 
 
+def test_frames_that_share_a_time_are_one_moment():
+    frame, xy = smooth_track()
+    stamps = frame / 30.0
+    stamps[41] = stamps[40]
+    stamps[81] = stamps[82] = stamps[80]
+    cleaned = clean(frame, xy, time_s=stamps)
+    assert cleaned.dropped == only(repeated_time=3)
+    np.testing.assert_array_equal(kept_frames(cleaned), np.delete(frame, [41, 81, 82]))
+
+
 def test_isolated_jumps():
     frame, xy = smooth_track()
     wrong = [17, 80, 81, 150, 283]

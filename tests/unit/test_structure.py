@@ -54,6 +54,17 @@ def test_true_cameras_triangulate_the_true_path(flight):
     assert (found.angle_rad >= SETTINGS.min_angle_rad).all()
 
 
+def test_the_order_of_cameras_does_not_hide_what_the_last_one_missed(flight):
+    """Cameras' clocks differ by minutes: each one's span counts on its own."""
+    scene, paths = true_scene(flight)
+    whole = triangulate_scene(scene, paths, SETTINGS)
+    late = paths["cam2"]
+    pieces = len(late.breaks_s) // 4
+    short = {**paths, "cam2": ImagePath(late.breaks_s[: pieces + 1], late.coefficients[:, :pieces])}
+    found = triangulate_scene(scene, short, SETTINGS)
+    assert found.time_s[-1] == pytest.approx(whole.time_s[-1], abs=1.0)
+
+
 def test_rays_point_at_the_target_where_the_camera_sees_it(flight):
     scene, paths = true_scene(flight)
     motion = flight.truth.motion

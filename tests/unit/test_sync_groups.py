@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skytrace.estimation.confidence import confidence
 from skytrace.estimation.pair_modes import PairMode
-from skytrace.estimation.pair_refine import RefinedPair, confidence
+from skytrace.estimation.pair_refine import RefinedPair
 from skytrace.estimation.sync_groups import Measured, camera_confidence, tie_groups
 from skytrace.estimation.sync_settings import SyncSettings
 from skytrace.estimation.two_view import PairGeometry

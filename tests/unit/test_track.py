@@ -65,3 +65,21 @@ def test_camera_time_is_the_time_stamp_or_the_nominal_beat():
 def test_impossible_frame_rates_are_refused(rate):
     with pytest.raises(ValueError, match="frame_rate_hz: expected a positive number"):
         Recording("cam0", LENS, rate, ())
+
+
+def test_the_line_through_frames_is_the_nominal_one_or_that_of_the_time_stamps():
+    plain = Recording("cam0", LENS, 30.0, [Track([30, 45], XY[:2])])
+    assert plain.frame_line() == (0.0, 1 / 30)
+    assert not plain.stamped
+    frame = np.array([30, 31, 60, 90])
+    stamps = 1.7e9 + 0.04 * frame + [1e-3, -1e-3, 1e-3, -1e-3]
+    stamped = Recording(
+        "cam0", LENS, 30.0, [Track(frame[:2], XY[:2], time_s=stamps[:2]), Track(frame[2:], XY[2:], time_s=stamps[2:])]
+    )
+    assert stamped.stamped
+    first_s, period_s = stamped.frame_line()
+    assert period_s == pytest.approx(0.04, rel=2e-3)
+    np.testing.assert_allclose(first_s + period_s * frame, stamps, rtol=0, atol=2e-3)
+    one = Recording("cam0", LENS, 30.0, [Track([30], XY[:1], time_s=[5.0])])
+    assert one.frame_line() == (0.0, 1 / 30)
+    assert not Recording("cam0", LENS, 30.0, []).stamped

@@ -140,12 +140,12 @@ def test_the_rate_prior_pulls_towards_the_nominal_rate(pair):
 
 
 def objective(pair, geometry, threshold, rate_prior, offset_s=0.0, rate=0.0):
-    """Half the sum of Cauchy losses plus the prior, the offset at the centre and the rate moved a little."""
+    """Half the sum of Cauchy losses, the prior among them, the offset at the centre and the rate moved a little."""
     r = geometry.rate + rate
     o = geometry.offset_s + offset_s - rate * geometry.centre_s
     pairs = two_view.correspond(pair.path0, pair.path1, 15.0, o, r)
     error = sampson_error(essential_matrix(geometry.camera1_from_camera0), pairs.xy0, pairs.xy1)
-    return 0.5 * np.log1p((error / threshold) ** 2).sum() + 0.5 * ((r - 1) / rate_prior) ** 2
+    return 0.5 * np.log1p((error / threshold) ** 2).sum() + 0.5 * np.log1p(((r - 1) / rate_prior) ** 2)
 
 
 def test_refinement_ends_where_data_and_prior_balance(pair):

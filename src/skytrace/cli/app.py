@@ -21,6 +21,8 @@ app = typer.Typer(
 )
 import_app = typer.Typer(help="Turn recordings of other programs into FLIGHT folders.")
 app.add_typer(import_app, name="import")
+benchmark_app = typer.Typer(help="Measure the program on the public recordings as the paper did.")
+app.add_typer(benchmark_app, name="benchmark")
 
 USAGE, INTERRUPTED = 2, 130
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -33,6 +35,21 @@ class MotionPrior(enum.StrEnum):
     force = "force"
     kinetic = "kinetic"
     none = "none"
+
+
+class Synchroniser(enum.StrEnum):
+    """Choices of --method."""
+
+    exhaustive = "exhaustive"
+    paper = "paper"
+
+
+class Offsets(enum.StrEnum):
+    """Choices of --sync."""
+
+    exhaustive = "exhaustive"
+    paper = "paper"
+    given = "given"
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -106,13 +123,19 @@ def reconstruct(
     fix_focal: Annotated[
         bool, typer.Option("--fix-focal", help="Keep focal lengths and lenses as calibrated.")
     ] = False,
+    sync: Annotated[
+        Offsets,
+        typer.Option(help="Offsets searched everywhere, near the offset_s given as the paper does it, or as given."),
+    ] = Offsets.exhaustive,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random sampling.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Turn 2D tracks and calibrations into a trajectory, camera poses and clocks."""
     from skytrace.cli.reconstruct import reconstruct_command
 
-    reconstruct_command(flight, output, motion_prior.value, not no_rolling_shutter, not fix_focal, seed, as_json)
+    reconstruct_command(
+        flight, output, motion_prior.value, not no_rolling_shutter, not fix_focal, seed, as_json, sync.value
+    )
 
 
 @app.command()
@@ -120,12 +143,19 @@ def sync(
     flight: Annotated[Path, typer.Argument(metavar="FLIGHT", help="Folder with flight.toml, or that file.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="JSON file to write.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random sampling.")] = 0,
+    report: Annotated[
+        Path | None, typer.Option(metavar="PAGE.html", help="Page to write: who is tied to whom, and the evidence.")
+    ] = None,
+    method: Annotated[
+        Synchroniser,
+        typer.Option(help="Search every offset, or as the paper does it near the offset_s of every camera."),
+    ] = Synchroniser.exhaustive,
     as_json: JsonOption = False,
 ) -> None:
     """Find when each camera filmed, and how sure that is, without reconstructing anything."""
     from skytrace.cli.sync import sync_command
 
-    sync_command(flight, output, seed, as_json)
+    sync_command(flight, output, seed, as_json, report, method.value)
 
 
 @app.command()
@@ -156,11 +186,20 @@ def simulate(
     duration: Annotated[float | None, typer.Option(min=1, help="Length of the flight in seconds.")] = None,
     noise: Annotated[float | None, typer.Option(min=0, help="Noise of the detections in pixels.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
+    video: Annotated[bool, typer.Option("--video", help="Write videos of the flight instead of detections.")] = False,
+    video_size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="Size of every video, such as 1920x1080.")
+    ] = None,
+    video_fps: Annotated[float | None, typer.Option(min=1, max=1000, help="Nominal frame rate of every video.")] = None,
+    distractors: Annotated[
+        bool, typer.Option("--distractors", help="Birds, insects and blinking lamps in the videos.")
+    ] = False,
 ) -> None:
-    """Write a simulated flight with known truth."""
-    from skytrace.cli.simulate import simulate_command
+    """Write a simulated flight with known truth, as detections or as videos."""
+    from skytrace.cli.simulate import VideoOptions, simulate_command
 
-    simulate_command(output, preset, cameras, duration, noise, seed)
+    options = VideoOptions(video_size, video_fps, distractors)
+    simulate_command(output, preset, cameras, duration, noise, seed, video, options)
 
 
 @app.command()
@@ -198,3 +237,21 @@ def import_mvus(
     from skytrace.io.mvus import import_mvus as convert
 
     print(convert(config, output))
+
+
+@benchmark_app.command("sync")
+def benchmark_sync(
+    data: Annotated[
+        Path | None, typer.Option(envvar="SKYTRACE_DATA", help="Folder that holds drone-tracking/.")
+    ] = None,
+    shifts: Annotated[
+        str | None, typer.Option(metavar="FRAMES", help="Errors of the rough offsets, such as 5,50,500.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random sampling.")] = 0,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Also write all figures.")] = None,
+    markdown: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the table as Markdown.")] = None,
+) -> None:
+    """The paper's experiment on the importance of pairwise synchronisation, on dataset3."""
+    from skytrace.cli.benchmark import sync_benchmark_command
+
+    sync_benchmark_command(data, shifts, seed, json_file, markdown)

@@ -59,7 +59,7 @@ def evaluate_run(
     """Judge a run by files; raises InputError where the truth cannot be compared."""
     positions_m = None
     if truth is not None:
-        positions_m, rate_hz = _true_path(truth, rate_hz)
+        positions_m, rate_hz = true_path(truth, rate_hz)
     cameras = {c: row for c, row in run.cameras.items() if row["registered"]}
     clocks = {
         c: Clock(row["clock"]["offset_s"], row["clock"]["period_s"], row["clock"]["readout_s"])
@@ -79,7 +79,7 @@ def evaluate_run(
         raise InputError(truth or run.path, str(error)) from error
 
 
-def _true_path(path: Path, rate_hz: float | None) -> tuple[FloatArray, float]:
+def true_path(path: Path, rate_hz: float | None) -> tuple[FloatArray, float]:
     """True positions (n, 3) and how many there are a second; a truth's own time stamps count more than a rate."""
     truth = read_truth_trajectory(path)
     if truth.time_s is not None:

@@ -112,7 +112,7 @@ class Bars:
 @contextmanager
 def stages() -> Iterator[StageClock]:
     """A clock that shows its stages on stderr."""
-    with _display() as display:
+    with shown() as display:
         clock = StageClock(display)
         try:
             yield clock
@@ -121,7 +121,8 @@ def stages() -> Iterator[StageClock]:
 
 
 @contextmanager
-def _display() -> Iterator[Display]:
+def shown() -> Iterator[Display]:
+    """A display on stderr, for work whose stages are not known beforehand."""
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield Lines(sys.stderr)
         return

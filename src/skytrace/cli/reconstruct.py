@@ -14,13 +14,17 @@ import tomli_w
 from skytrace.cli.progress import StageClock, stages
 from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.settings import Freedom
+from skytrace.estimation.hints import Hints
 from skytrace.estimation.priors import PriorKind
+from skytrace.estimation.sync_settings import SyncMethod
 from skytrace.io.atomic import check_replaceable
 from skytrace.io.flight import Flight, read_flight
 from skytrace.io.run_folder import input_hashes, json_text, write_run
 from skytrace.pipeline.config import Config
+from skytrace.pipeline.flight_hints import flight_hints
 from skytrace.pipeline.offline import Outcome, run
 from skytrace.pipeline.prepare import Prepared, prepare_flight
+from skytrace.pipeline.rough_offsets import require_offsets
 from skytrace.pipeline.summary import summarise
 from skytrace.report import render_report
 
@@ -35,20 +39,24 @@ def reconstruct_command(
     free_lens: bool,
     seed: int,
     as_json: bool,
+    method: SyncMethod = "exhaustive",
 ) -> None:
     """Read, reconstruct, write, print."""
-    config = make_config(motion_prior, rolling_shutter, free_lens, seed)
+    config = make_config(motion_prior, rolling_shutter, free_lens, seed, method)
     check_replaceable(output)
     summary = reconstruct_flight(flight, output, config)
     print(json_text(summary, ascii_only=True) if as_json else describe(summary, output))
 
 
-def make_config(motion_prior: PriorKind, rolling_shutter: bool, free_lens: bool, seed: int) -> Config:
+def make_config(
+    motion_prior: PriorKind, rolling_shutter: bool, free_lens: bool, seed: int, method: SyncMethod = "exhaustive"
+) -> Config:
     """The default configuration with the command line's options."""
     default = Config()
     return replace(
         default,
         seed=seed,
+        synchronise=replace(default.synchronise, method=method),
         adjust=replace(default.adjust, motion_prior=motion_prior),
         freedom=Freedom(rolling_shutter, focal=free_lens, lens=free_lens),
     )
@@ -58,15 +66,15 @@ def reconstruct_flight(path: Path, output: Path, config: Config) -> dict[str, An
     """Reconstruct the FLIGHT at `path`, write the RUN folder and return its summary."""
     with stages() as clock:
         flight = read_flight(path)
+        require_offsets(flight, config.synchronise.method)
         n = len(flight.cameras)
         clock.update("read", n, n)
         prepared = prepare_flight(flight, config.clean)
         _require_detections(prepared)
         clock.update("clean", n, n)
-        hints_s = {c.camera_id: c.offset_s for c in flight.cameras if c.offset_s is not None}
-        outcome = _run(prepared.recordings, config, hints_s, clock)
+        outcome = _run(prepared.recordings, config, flight_hints(flight), clock)
         summary = summarise(outcome, prepared, clock.timings_s)
-        summary["warnings"] += unused_keys(flight)
+        summary["warnings"] = [*flight.warnings, *summary["warnings"], *unused_keys(flight)]
         manifest = {"versions": versions(), "seed": config.seed, "inputs": input_hashes(flight.input_files)}
         settings = _without_none(config.as_dict())
         report = render_report(
@@ -94,9 +102,9 @@ def _require_detections(prepared: Prepared) -> None:
     )
 
 
-def _run(recordings, config: Config, hints_s: Mapping[str, float], clock: StageClock) -> Outcome:
+def _run(recordings, config: Config, hints: Hints, clock: StageClock) -> Outcome:
     stage = None
-    for stage in run(recordings, config, hints_s=hints_s, progress=clock.update):
+    for stage in run(recordings, config, hints=hints, progress=clock.update):
         clock.update(stage.name, stage.done, stage.total)
     assert stage is not None  # run yields at least one stage or raises
     return stage.product

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.model.track import Track
 
-REASONS = ("not_finite", "outside_image", "duplicate_frame", "isolated_jump", "frozen", "short_tracklet")
+REASONS = (
+    "not_finite",
+    "outside_image",
+    "duplicate_frame",
+    "repeated_time",
+    "isolated_jump",
+    "frozen",
+    "short_tracklet",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +54,8 @@ def clean_detections(
 ) -> CleanTracks:
     """Tracklets of the moving target from detections (n,), (n, 2) in any order.
 
-    `time_s` (n,) are per-frame time stamps where known; otherwise frames are taken to be evenly spaced.
+    `time_s` (n,) are per-frame time stamps where known, never falling with the frame; otherwise frames are taken to be
+    evenly spaced. Frames that share a time show one moment, of which the first detection counts.
     """
     frame, xy_px = np.asarray(frame, float), np.asarray(xy_px, float)
     dropped: dict[str, int] = dict.fromkeys(REASONS, 0)
@@ -61,6 +70,9 @@ def clean_detections(
     dropped["duplicate_frame"] = len(order) - len(first)
     order = order[first]
     t = frame[order] / frame_rate_hz if time_s is None else time_s[order]
+    later = np.diff(t, prepend=-np.inf) > 0
+    dropped["repeated_time"] = int((~later).sum())
+    order, t = order[later], t[later]
 
     width = size_px[0]
     smooth = ~isolated_jumps(xy_px[order], settings.median_taps, settings.jump_ratio, settings.jump_floor_width * width)

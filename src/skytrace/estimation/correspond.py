@@ -44,6 +44,14 @@ class ImagePath:
         powers = np.array([3, 2, 1, 0])[:, None, None]
         return ImagePath(self.breaks_s * factor, self.coefficients / factor**powers)
 
+    def clipped(self, begin_s: float, end_s: float) -> ImagePath:
+        """The pieces of the path that touch an interval of camera time; the path itself where that is all of it."""
+        if begin_s <= self.begin_s and end_s >= self.end_s:
+            return self
+        last = len(self.breaks_s) - 2
+        a, b = np.clip(np.searchsorted(self.breaks_s, [begin_s, end_s], side="right") - 1, 0, last)
+        return ImagePath(self.breaks_s[a : b + 2], self.coefficients[:, a : b + 1])
+
     def defined(self, camera_time_s: FloatArray) -> BoolArray:
         """Whether the target was seen at camera times (n,)."""
         piece = np.clip(np.searchsorted(self.breaks_s, camera_time_s, side="right") - 1, 0, len(self.breaks_s) - 2)
@@ -55,7 +63,7 @@ class ImagePath:
         t = np.asarray(camera_time_s, float)
         piece = np.clip(np.searchsorted(self.breaks_s, t, side="right") - 1, 0, len(self.breaks_s) - 2)
         s = (t - self.breaks_s[piece])[:, None]
-        c3, c2, c1, c0 = (c[piece] for c in self.coefficients)
+        c3, c2, c1, c0 = self.coefficients[:, piece]
         if derivative == 0:
             value = ((c3 * s + c2) * s + c1) * s + c0
         elif derivative == 1:

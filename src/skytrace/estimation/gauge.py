@@ -12,14 +12,17 @@ from skytrace.model.reconstruction import CameraEstimate, Reconstruction
 from skytrace.model.trajectory import Segment, Trajectory
 
 
-def in_reference_gauge(reconstruction: Reconstruction, nominal_period_s: float) -> Reconstruction:
+def in_reference_gauge(
+    reconstruction: Reconstruction, nominal_period_s: float, first_frame_s: float = 0.0
+) -> Reconstruction:
     """The same reconstruction with the reference camera at the origin, looking along z, its clock the world's.
 
     The unit of length is the root mean square distance of the camera centres from their mean. The world's time is the
-    reference camera's own: frame * `nominal_period_s` at the top image row.
+    reference camera's own: `first_frame_s` + frame * `nominal_period_s` at the top image row.
     """
     reference = reconstruction.cameras[reconstruction.reference]
-    offset, rate = reference.clock.offset_s, reference.clock.period_s / nominal_period_s
+    rate = reference.clock.period_s / nominal_period_s
+    offset = reference.clock.offset_s - rate * first_frame_s
     world_from_old = _frame(reconstruction)
     return replace(
         reconstruction,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +25,10 @@ class GrowSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Growth:
-    """What every step of the growth needs: the measurements, the clocks from synchronisation, and the settings."""
+    """What every step of the growth needs: the measurements, the clocks from synchronisation, and the settings.
+
+    Of `freedom` only that of the clocks counts here.
+    """
 
     recordings: Mapping[str, Recording]
     paths: Mapping[str, ImagePath]
@@ -35,6 +38,7 @@ class Growth:
     adjustment: AdjustSettings
     settings: GrowSettings
     seed: int
+    freedom: Freedom = field(default_factory=Freedom)
 
     def settle(self, scene: Scene) -> Adjusted:
         """Triangulate with every camera there, fit the spline, adjust.
@@ -42,7 +46,7 @@ class Growth:
         Lenses stay at their calibration: with few cameras a free focal length ruins the geometry.
         """
         scene = fit_structure(scene, triangulate_scene(scene, self.paths, self.structure), self.structure)
-        fixed = Freedom(rolling_shutter=False, focal=False, lens=False)
+        fixed = replace(self.freedom, rolling_shutter=False, focal=False, lens=False)
         rounds, iterations = self.settings.rounds, self.settings.iterations
         return adjust(scene, self.recordings, self.adjustment, fixed, rounds=rounds, iterations=iterations)
 

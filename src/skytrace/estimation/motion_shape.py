@@ -40,7 +40,11 @@ def motion_shape(path: ImagePath, rate_hz: float = 5.0) -> MotionShape:
     """The shape of a path, robust to outliers."""
     times = np.arange(path.begin_s, path.end_s, 1 / rate_hz)
     xy = path.evaluate(times)
-    xy = xy[np.isfinite(xy[:, 0])]
+    return sampled_shape(xy[np.isfinite(xy[:, 0])])
+
+
+def sampled_shape(xy: FloatArray) -> MotionShape:
+    """The shape of samples (n, 2) of a path on the plane z = 1, robust to outliers."""
     if len(xy) < 10:
         return MotionShape(0.0, 0.0)
     low, high = np.percentile(xy, [2, 98], axis=0)

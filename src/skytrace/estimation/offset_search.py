@@ -38,7 +38,7 @@ def score_shifts(
     makes its smallest eigenvalue rho invariant to where the cameras look. Short overlaps fit by chance, so the score is
     -(overlap - free_parameters) ln rho.
     """
-    y0, y1 = _homogeneous(xy0), _homogeneous(xy1)
+    y0, y1 = homogeneous(xy0), homogeneous(xy1)
     n0, n1 = len(y0), len(y1)
     correlation = cross_correlations(_monomials(y0), _monomials(y1))  # (6, 6, lags)
     shift = np.arange(-(n0 - 1), n1)
@@ -86,7 +86,7 @@ def turn_rate_correlation(xy0: FloatArray, xy1: FloatArray, rate_hz: float, min_
     return ShiftScores(shift[enough], overlap[enough], 1 - r, fisher)
 
 
-def _homogeneous(xy: FloatArray) -> FloatArray:
+def homogeneous(xy: FloatArray) -> FloatArray:
     """Coordinates (n, 3) centred and scaled to unit spread over the whole track; NaN rows stay NaN."""
     seen = np.isfinite(xy[:, 0])
     if not seen.any():
@@ -103,7 +103,7 @@ def _monomials(y: FloatArray) -> FloatArray:
 def _smallest_whitened_eigenvalue(correlation: FloatArray, overlap: IntArray) -> FloatArray:
     moments0 = np.moveaxis(correlation[_PAIR_OF, _ONE], -1, 0) / overlap[:, None, None]
     moments1 = np.moveaxis(correlation[_ONE, _PAIR_OF], -1, 0) / overlap[:, None, None]
-    W0, W1 = _whitening(moments0), _whitening(moments1)
+    W0, W1 = whitening(moments0), whitening(moments1)
     normal = correlation[_PAIR_OF[:, :, None, None], _PAIR_OF[None, None]] / overlap  # (p, q, r, s, m)
     normal = np.moveaxis(normal, -1, 0)
     white = np.einsum("map,mpqrs,mbq->mabrs", W0, normal, W0, optimize=True)
@@ -113,7 +113,7 @@ def _smallest_whitened_eigenvalue(correlation: FloatArray, overlap: IntArray) ->
     return np.clip(eigenvalues[:, 0].astype(np.float64), 1e-9, 1.0)
 
 
-def _whitening(moments: FloatArray) -> FloatArray:
+def whitening(moments: FloatArray) -> FloatArray:
     """Inverse Cholesky factors (m, 3, 3) of second moments (m, 3, 3), kept regular for tracks that stand still."""
     ridge = 1e-6 * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     return np.linalg.inv(np.linalg.cholesky(moments + ridge)).astype(np.float64)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skytrace.estimation import two_view
+from skytrace.estimation.confidence import EVIDENCE_PER_NAT, confidence
 from skytrace.estimation.correspond import ImagePath
 from skytrace.estimation.pair_modes import PairMode
 from skytrace.estimation.sync_settings import SyncSettings
@@ -18,14 +19,16 @@ from skytrace.geometry.rigid import Rigid
 class RefinedPair:
     """Geometry and clocks of a pair at one mode.
 
-    `confidence` is the probability that the offset is right to a frame, `contrast` the mode's evidence over that for
-    the pair's best other mode, `support` the share of the overlap that obeys the geometry.
+    `confidence` is the probability that the offset is right to a frame, hints considered, `rival_evidence` that for the
+    pair's best other mode, `support` the share of the overlap that obeys the geometry. `blind_confidence` is what the
+    tracks alone would give.
     """
 
     geometry: two_view.PairGeometry
     evidence: float
-    contrast: float
+    rival_evidence: float
     confidence: float
+    blind_confidence: float | None = None  # none: no hint was given
 
     @property
     def support(self) -> float:
@@ -38,9 +41,10 @@ def refine_mode(
     """Refine a mode; None where nothing is left of it.
 
     False detections and slow flight leave local optima some frames apart, so five-point poses at offsets and rates
-    around the mode start refinements of their own, and the best fit is refined once more on all samples.
+    around the mode start refinements of their own, and the best are refined once more on all samples. Where these end
+    in different places and fit alike, deviation and confidence tell so.
     """
-    best = mode.geometry
+    optima = [mode.geometry]
     for offset_s, rate, pose in _starts(path0, path1, mode.geometry, settings):
         found = two_view.refine(
             path0,
@@ -55,35 +59,116 @@ def refine_mode(
             iterations=8,
             nominal_rate=1.0,
         )
-        if found is not None and _fit(found) > _fit(best):
-            best = found
-    final = two_view.refine(
+        if found is not None:
+            optima.append(found)
+    ends = _distinct_ends(path0, path1, optima, settings)
+    if not ends:
+        return None
+    # Where the fit is best its residuals' correlation is their own, not that of a wrong offset.
+    correlated = max(ends, key=_fit).inflation
+    ends = [end for end in (_to_the_end(path0, path1, end, settings, correlated) for end in ends) if end is not None]
+    if not ends:
+        return None
+    nats = _likelihoods(ends, correlated, settings)
+    final = ends[int(np.argmax(nats))]
+    spread_s, within = ambiguity(final, ends, nats)
+    deviation = float(np.sqrt(final.offset_sigma_s**2 + _READOUT_SIGMA_S**2 + spread_s**2))
+    rival = max((r.evidence for r in rivals), default=0.0)
+    sure, blind = _confidences(mode, rivals, final)
+    return RefinedPair(
+        replace(final, offset_sigma_s=deviation),
+        mode.evidence,
+        rival,
+        sure * within,
+        None if blind is None else blind * within,
+    )
+
+
+def _confidences(
+    mode: PairMode, rivals: Sequence[PairMode], final: two_view.PairGeometry
+) -> tuple[float, float | None]:
+    """Confidence in a mode, and what it would be without hints; none where there are no hints."""
+    support = final.support_s / max(final.overlap_s, 1e-9)
+    rival = max((r.evidence for r in rivals), default=0.0)
+    sure = confidence(mode.evidence, rival, support, final.overlap_s, mode.hinted_nats)
+    if not any(m.hinted_nats for m in (mode, *rivals)):
+        return sure, None
+    own, *others = (m.evidence - EVIDENCE_PER_NAT * m.hinted_nats for m in (mode, *rivals))
+    return sure, confidence(own, max(others, default=0.0), support, final.overlap_s)
+
+
+def _distinct_ends(
+    path0: ImagePath, path1: ImagePath, optima: Sequence[two_view.PairGeometry], settings: SyncSettings
+) -> list[two_view.PairGeometry]:
+    """The best optima refined on all samples, as far as they end in different places."""
+    ends: list[two_view.PairGeometry] = []
+    best = max(map(_fit, optima))
+    for start in sorted(optima, key=_fit, reverse=True):
+        if len(ends) == _MOST_ENDS or _fit(start) < best - 3 * EVIDENCE_PER_NAT:
+            break
+        if any(abs(_shift_s(end, start)) <= max(3 * end.offset_sigma_s, _SAME_S) for end in ends):
+            continue
+        end = _to_the_end(path0, path1, start, settings)
+        if end is not None:
+            ends.append(end)
+    return ends
+
+
+def _to_the_end(
+    path0: ImagePath,
+    path1: ImagePath,
+    start: two_view.PairGeometry,
+    settings: SyncSettings,
+    residuals_per_independent: float = 1.0,
+) -> two_view.PairGeometry | None:
+    """Refined on all samples."""
+    return two_view.refine(
         path0,
         path1,
-        best.camera1_from_camera0,
-        best.offset_s,
-        best.rate,
+        start.camera1_from_camera0,
+        start.offset_s,
+        start.rate,
         rate_hz=settings.rate_hz,
         thresholds=settings.refine_thresholds[-1:],
         rate_prior=settings.rate_prior,
         nominal_rate=1.0,
         adapt=True,
-    )
-    if final is None:
-        return None
-    deviation = float(np.hypot(final.offset_sigma_s, _READOUT_SIGMA_S))
-    rival = max((r.evidence for r in rivals), default=0.0)
-    return RefinedPair(
-        replace(final, offset_sigma_s=deviation),
-        mode.evidence,
-        mode.evidence / max(rival, 1e-9),
-        confidence(mode.evidence, rival, final.support_s / max(final.overlap_s, 1e-9), final.overlap_s),
+        residuals_per_independent=residuals_per_independent,
     )
 
 
+def _shift_s(geometry: two_view.PairGeometry, other: two_view.PairGeometry) -> float:
+    """How much later `other` is in camera 1, in the middle of the overlap."""
+    middle = geometry.centre_s
+    return (other.offset_s + other.rate * middle) - (geometry.offset_s + geometry.rate * middle)
+
+
+def ambiguity(
+    final: two_view.PairGeometry, ends: Sequence[two_view.PairGeometry], nats: Sequence[float]
+) -> tuple[float, float]:
+    """How far other optima that fit nearly as well lie from the one chosen, and the share of those within a frame.
+
+    The root mean square of their distances in seconds, each with its likelihood, of which `nats` are the logarithms.
+    """
+    weight = np.exp(np.asarray(nats) - max(nats))
+    distance = np.array([_shift_s(final, g) for g in ends])
+    spread_s = float(np.sqrt((weight * distance**2).sum() / weight.sum()))
+    return spread_s, float(weight[np.abs(distance) <= _FRAME_S].sum() / weight.sum())
+
+
+def _likelihoods(
+    ends: Sequence[two_view.PairGeometry], residuals_per_independent: float, settings: SyncSettings
+) -> list[float]:
+    """Logarithms of how likely the ends are, clock rates considered, up to a constant."""
+    independent_hz = settings.rate_hz / residuals_per_independent
+    prior = [float(np.log1p(((g.rate - 1) / settings.rate_prior) ** 2)) for g in ends]
+    return [-g.overlap_s * independent_hz * g.misfit - p for g, p in zip(ends, prior, strict=True)]
+
+
+_MOST_ENDS = 3
+_SAME_S = 0.003
+_FRAME_S = 1 / 30
 _READOUT_SIGMA_S = 7e-4  # what the unknown readout times leave
-_SHIFTS_S = (0.0, -0.15, 0.15, -0.4, 0.4)
-_RATE_SHIFTS = (-2e-3, 2e-3)
 
 
 def _fit(geometry: two_view.PairGeometry) -> float:
@@ -93,45 +178,29 @@ def _fit(geometry: two_view.PairGeometry) -> float:
 def _starts(
     path0: ImagePath, path1: ImagePath, mode: two_view.PairGeometry, settings: SyncSettings
 ) -> list[tuple[float, float, Rigid]]:
-    """Offsets, rates and poses around a mode: its own, then those that fit best without any refinement."""
-    around = [(s, 0.0) for s in _SHIFTS_S] + [(0.0, r) for r in _RATE_SHIFTS]
-    tried: list[tuple[float, tuple[float, float, Rigid]]] = []
-    for shift, change in around:
-        rate = mode.rate + change
-        offset_s = mode.offset_s + shift - change * mode.centre_s
-        pairs = two_view.correspond(path0, path1, settings.rate_hz, offset_s, rate, settings.verify_samples)
-        pose = two_view.five_point_pose(
-            pairs, settings.refine_thresholds[0], seed=0, max_samples=settings.verify_iterations, min_samples=50
-        )
-        if pose is not None:
-            tried.append((two_view.misfit(pose, pairs), (offset_s, rate, pose)))
-    tried.sort(key=lambda t: t[0])
-    return [(mode.offset_s, mode.rate, mode.camera1_from_camera0), *(start for _, start in tried[:_REFINED_STARTS])]
+    """Offsets, rates and poses around a mode: its own, and for each of some clock rates the shift that fits best.
 
-
-_REFINED_STARTS = 3
-
-
-def confidence(evidence: float, rival: float, support: float, overlap_s: float) -> float:
-    """Probability that a mode is right to a frame, from its evidence, that of the best other mode, and its support.
-
-    A logistic regression on simulated pairs with and without a common view, 450 of them with 15 to 120 s of overlap.
-    Overlaps too short to tell flights apart never count as sure, and a figure flown twice, which leaves two modes of
-    equal evidence, counts as a choice between them.
+    Offset and rate are explored together, for a wrong rate is half made up for by a wrong offset and pose.
     """
-    features = confidence_features(evidence, rival, support)
-    found = float(1 / (1 + np.exp(-np.clip(features @ _COEFFICIENTS, -30, 30))))
-    found /= 1 + float(np.exp(-np.clip((evidence - rival) / _EVIDENCE_PER_NAT, -30, 30)))
-    return found if overlap_s >= _SURE_OVERLAP_S else min(found, _UNSURE)
+    starts = [(mode.offset_s, mode.rate, mode.camera1_from_camera0)]
+    for rate in _RATES:
+        best: tuple[float, tuple[float, float, Rigid] | None] = (np.inf, None)
+        for shift in _SHIFTS_S:
+            offset_s = mode.offset_s + shift + (mode.rate - rate) * mode.centre_s
+            pairs = two_view.correspond(path0, path1, settings.rate_hz, offset_s, rate, settings.verify_samples)
+            pose = two_view.five_point_pose(
+                pairs,
+                settings.refine_thresholds[0],
+                seed=0,
+                max_samples=settings.sharpen_iterations,
+                min_samples=settings.sharpen_iterations // 2,
+            )
+            if pose is not None:
+                best = min(best, (two_view.misfit(pose, pairs), (offset_s, rate, pose)), key=lambda b: b[0])
+        if best[1] is not None:
+            starts.append(best[1])
+    return starts
 
 
-def confidence_features(evidence: float, rival: float, support: float) -> np.ndarray:
-    """Constant, logarithms of evidence and contrast above a floor of a few seconds, and support."""
-    own, other = max(evidence, 0.0) + _EVIDENCE_FLOOR, max(rival, 0.0) + _EVIDENCE_FLOOR
-    return np.array([1.0, np.log(own / _EVIDENCE_FLOOR), np.log(own / other), support])
-
-
-_EVIDENCE_FLOOR = 20.0
-_EVIDENCE_PER_NAT = 8.0  # errors are correlated in time, so evidence comes in larger units
-_SURE_OVERLAP_S, _UNSURE = 20.0, 0.85
-_COEFFICIENTS = np.array([-19.58, 4.01, 2.13, 15.5])
+_SHIFTS_S = (0.0, -0.07, 0.07, -0.15, 0.15)
+_RATES = (1.0, 0.9985, 1.0015)

@@ -11,17 +11,20 @@ from skytrace.estimation.offset_search import score_shifts
 from skytrace.estimation.sync_settings import SyncSettings
 
 
-def search_rate(path: ImagePath, partners: Sequence[ImagePath], settings: SyncSettings) -> float | None:
+def search_rate(
+    path: ImagePath, partners: Sequence[ImagePath], settings: SyncSettings, hinted: Sequence[float] = ()
+) -> float | None:
     """By what factor a camera's clock must be stretched so that its track fits a partner's at some offset.
 
     Serves cameras whose given frame rate is grossly wrong (slow motion, variable rate, a wrong file). The offset search
-    stands a stretch of one per cent, so a geometric grid of that step finds it; None where nothing stands out.
+    stands a stretch of one per cent, so a geometric grid of that step finds it; None where nothing stands out. `hinted`
+    are further stretches to try.
     """
 
     def best_score(factor: float, rate_hz: float) -> float:
         return max(_best_offset_score(path.stretched(factor), partner, rate_hz, settings) for partner in partners)
 
-    coarse = {f: best_score(f, settings.rate_hz / 2) for f in settings.rate_factors}
+    coarse = {f: best_score(f, settings.rate_hz / 2) for f in (*settings.rate_factors, *hinted)}
     top = max(coarse, key=lambda f: coarse[f])
     chance = float(np.median(list(coarse.values())))
     if coarse[top] < settings.min_rate_contrast * max(chance, 1e-9):

@@ -31,7 +31,12 @@ class CameraState:
         object.__setattr__(self, "lens", frozen_array(self.lens, (N_LENS,), "lens"))
 
     def clock(self, recording: Recording) -> Clock:
-        return Clock(self.offset_s, self.rate / recording.frame_rate_hz, self.readout_s, recording.intrinsics.height_px)
+        """The clock by frames: where they have time stamps, along the straight line through these."""
+        offset_s, period_s = self.offset_s, self.rate / recording.frame_rate_hz
+        if recording.stamped:
+            first_s, stamped_period_s = recording.frame_line()
+            offset_s, period_s = offset_s + self.rate * first_s, self.rate * stamped_period_s
+        return Clock(offset_s, period_s, self.readout_s, recording.intrinsics.height_px)
 
     def intrinsics(self, calibrated: Intrinsics) -> Intrinsics:
         """The calibration with this camera's refinement applied."""

@@ -42,10 +42,8 @@ class Structure:
 def triangulate_scene(scene: Scene, paths: Mapping[str, ImagePath], settings: StructureSettings) -> Structure:
     """Triangulate at multiples of 1 / rate_hz of world time wherever at least two cameras see the target."""
     ids = list(scene.cameras)
-    spans = [
-        (scene.cameras[c].offset_s + scene.cameras[c].rate * t for t in (paths[c].begin_s, paths[c].end_s)) for c in ids
-    ]
-    begins, ends = zip(*spans, strict=True)
+    begins = [scene.cameras[c].offset_s + scene.cameras[c].rate * paths[c].begin_s for c in ids]
+    ends = [scene.cameras[c].offset_s + scene.cameras[c].rate * paths[c].end_s for c in ids]
     rate = settings.rate_hz
     time = np.arange(np.floor(min(begins) * rate), np.ceil(max(ends) * rate) + 1) / rate
     centre = np.stack([scene.cameras[c].camera_from_world.centre for c in ids])

@@ -11,6 +11,11 @@ import numpy as np
 from skytrace.errors import ReconstructionError
 from skytrace.estimation import two_view
 from skytrace.estimation.correspond import ImagePath
+from skytrace.estimation.growing_steps import rough_modes, rough_offsets, steps_s
+from skytrace.estimation.hint_search import favoured, hinted_modes, searched_span_s
+from skytrace.estimation.hint_ties import HintTie, decided_by_hints, join_by_hints
+from skytrace.estimation.hint_verdicts import Clocks, HintVerdict, decision_sentence, judge_hints, tie_sentences
+from skytrace.estimation.hints import Hints, PairHint
 from skytrace.estimation.motion_shape import MOTION_WORDS, motion_shape
 from skytrace.estimation.offset_graph import Mode, consistent_offsets
 from skytrace.estimation.pair_modes import PairMode, find_modes, weigh
@@ -25,6 +30,7 @@ from skytrace.model.reconstruction import TwoView
 __all__ = ["PairEvidence", "SyncSettings", "Synchronisation", "synchronize"]
 
 _ALONE = "its track shares too little with the other cameras' to be synchronised"
+_OUT_OF_REACH = "its rough offset leads to none that its track and the other cameras' agree on"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,6 +48,8 @@ class PairEvidence:
     confidence: float  # probability that the offset is right to a frame, from this pair alone
     accepted: bool
     rivals: tuple[tuple[float, float], ...]  # other plausible (offset_s, evidence), best first
+    blind_confidence: float | None = None  # without the hints that bear on the pair; none where there are none
+    rival_evidence: float = 0.0  # for the best other offset, plausible or not
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,22 +71,23 @@ class Synchronisation:
     confidence: Mapping[str, float] = field(default_factory=dict)  # that the camera is tied in at the right offset
     evidence: tuple[PairEvidence, ...] = ()  # of every pair with a plausible offset
     warnings: tuple[str, ...] = ()
+    hints: tuple[HintVerdict, ...] = ()  # what became of each hint
 
 
 def synchronize(
     paths: Mapping[str, ImagePath],
     settings: SyncSettings,
     rng: np.random.Generator,
-    hints_s: Mapping[str, float] | None = None,
+    hints: Hints | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Synchronisation:
     """Synchronise cameras given where each saw the target in its own time.
 
-    `hints_s` are rough offsets, camera time 0 on a common clock: further candidates, believed only if the tracks agree.
-    A camera that cannot be tied to the others at its nominal frame rate is tried at different ones. Raises
-    ReconstructionError where no pair of cameras can be tied together.
+    `hints` say where to look and decide where the tracks cannot; what the tracks contradict is not believed. A camera
+    that cannot be tied to the others at its nominal frame rate is tried at different ones. Raises ReconstructionError
+    where no pair of cameras can be tied together.
     """
-    found = weigh_offsets(paths, settings, rng, hints_s, progress)
+    found = weigh_offsets(paths, settings, rng, hints, progress)
     if not found.clocks:
         raise _failure(paths, found, settings)
     return found
@@ -88,35 +97,37 @@ def weigh_offsets(
     paths: Mapping[str, ImagePath],
     settings: SyncSettings,
     rng: np.random.Generator,
-    hints_s: Mapping[str, float] | None = None,
+    hints: Hints | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Synchronisation:
     """As `synchronize`, but where nothing can be tied together the evidence is returned without clocks."""
-    search = _Search({c: main_strand(p) for c, p in paths.items()}, settings, rng, hints_s or {})
+    if settings.method == "given":
+        raise ValueError("settings.method: expected a search, got 'given': see given_offsets")
+    strands = {c: main_strand(p) for c, p in paths.items()}
+    if settings.method == "paper":
+        # Rough offsets are where it starts: nothing is left in them to weigh or to judge.
+        search, hints = _RoughSearch(strands, settings, rng, rough_offsets(paths, hints or Hints())), None
+    else:
+        search = _Search(strands, settings, rng, hints or Hints())
     couples = list(combinations(paths, 2))
     for done, (a, b) in enumerate(couples):
         progress(done, len(couples))
         search.compare(a, b)
-    given = dict(search.paths)
-    factors = dict.fromkeys(paths, 1.0)
     tied = search.tie()
-    for camera in tied.untied if tied.clocks else ():
-        if any(camera in group for group in tied.groups):
-            continue
-        partners = sorted(tied.clocks, key=lambda c: -given[c].seen_s)[:2]
-        factor = search_rate(given[camera], [search.paths[c] for c in partners], settings)
-        if factor is not None:
-            factors[camera] = factor
-            search.paths[camera] = given[camera].stretched(factor)
-            for other in paths:
-                if other != camera:
-                    search.compare(*((camera, other) if (camera, other) in search.modes else (other, camera)))
-    if any(f != 1.0 for f in factors.values()):
+    loose = search.loose(tied)
+    for camera in loose:
+        search.stretch(camera, search.rate(camera, tied))
+    if search.is_stretched(loose):
         tied = search.tie()
+    if hints and search.is_stretched(search.alone(tied)):
+        # What a hint alone ties is tied at the rate given: no track confirmed another one.
+        for camera in search.alone(tied):
+            search.stretch(camera, 1.0)
+        tied = search.tie()
+    tied = search.join(tied)
     if tied.clocks:  # a stage that fails is not over
         progress(len(couples), len(couples))
-    found = _on_given_clocks(tied, factors)
-    return replace(found, warnings=tuple(hint_warnings(found, hints_s or {})))
+    return _judged(_on_given_clocks(tied, search.factors), hints or Hints(), search)
 
 
 class _Search:
@@ -127,15 +138,60 @@ class _Search:
         paths: dict[str, ImagePath],
         settings: SyncSettings,
         rng: np.random.Generator,
-        hints_s: Mapping[str, float],
+        hints: Hints,
     ) -> None:
-        self.paths, self.settings, self.rng, self.hints_s = paths, settings, rng, hints_s
+        self.given, self.settings, self.rng, self.hints = paths, settings, rng, hints
+        self.paths, self.factors = dict(paths), dict.fromkeys(paths, 1.0)
         self.modes: dict[tuple[str, str], list[PairMode]] = {}
+        self.measured: list[Measured] = []
+        self.groups: list[TiedGroup] = []
+        self.ties: list[HintTie] = []
 
     def compare(self, a: str, b: str) -> None:
         """Find the plausible offsets of a pair."""
-        hints = [self.hints_s[a] - self.hints_s[b]] if a in self.hints_s and b in self.hints_s else []
-        self.modes[a, b] = find_modes(self.paths[a], self.paths[b], hints, self.settings)
+        path0, path1 = self.paths[a], self.paths[b]
+        blind = find_modes(path0, path1, self.settings)
+        self.modes[a, b] = hinted_modes(path0, path1, self._hints(a, b), blind, self.settings)
+
+    def _hints(self, a: str, b: str) -> tuple[PairHint, ...]:
+        return self.hints.between(a, b, self.settings.rate_prior)
+
+    def loose(self, tied: Synchronisation) -> list[str]:
+        """Cameras whose frame rates are in doubt, as they fit to no other; without any tie, those that hints doubt."""
+        if tied.clocks:
+            return self.alone(tied)
+        return [c for c in list(self.paths)[1:] if self._hinted_rates(c, list(self.paths))]
+
+    def alone(self, tied: Synchronisation) -> list[str]:
+        """Cameras that are tied to no other."""
+        return [c for c in tied.untied if not any(c in group for group in tied.groups)]
+
+    def rate(self, camera: str, tied: Synchronisation) -> float:
+        """By what factor to stretch a camera's clock; 1 where nothing tells another one."""
+        hinted = self._hinted_rates(camera, list(self.paths))
+        if not tied.clocks:
+            return hinted[0]
+        partners = sorted(tied.clocks, key=lambda c: -self.given[c].seen_s)[:2]
+        found = search_rate(self.given[camera], [self.paths[c] for c in partners], self.settings, hinted)
+        return 1.0 if found is None else found
+
+    def is_stretched(self, cameras: Sequence[str]) -> bool:
+        """Whether any of these cameras is on another clock than its own."""
+        return any(self.factors[c] != 1.0 for c in cameras)
+
+    def _hinted_rates(self, camera: str, partners: Sequence[str]) -> list[float]:
+        rates = (self.hints.stretch(camera, p, self.settings.rate_prior) for p in partners if p != camera)
+        return [rate for rate in rates if rate is not None]
+
+    def stretch(self, camera: str, factor: float) -> None:
+        """Compare a camera anew on a clock that runs `factor` times as fast as its own."""
+        if factor == self.factors[camera]:
+            return
+        self.hints = self.hints.stretched(camera, factor / self.factors[camera])
+        self.paths[camera], self.factors[camera] = self.given[camera].stretched(factor), factor
+        for other in self.paths:
+            if other != camera:
+                self.compare(*((camera, other) if (camera, other) in self.modes else (other, camera)))
 
     def tie(self) -> Synchronisation:
         """Reconcile all pairs; without any trusted pair, a synchronisation that ties no camera."""
@@ -146,14 +202,25 @@ class _Search:
             for (a, b), found in self.modes.items()
         }
         groups = consistent_offsets(modes, len(ids), self.settings.tolerance_s)
-        measured = []
+        self.measured = []
         for (a, b), found in sorted(self.modes.items(), key=lambda item: (index[item[0][0]], index[item[0][1]])):
             i, j = index[a], index[b]
             group = next((g for g in groups if i in g and j in g), None)
             pair = self._measure(a, b, found, None if group is None else group[j] - group[i])
             if pair is not None:
-                measured.append(Measured(i, j, *pair, consistent=group is not None))
-        return _assembled(ids, measured, self.modes, tie_groups(measured, len(ids), self.settings), self.settings)
+                self.measured.append(Measured(i, j, *pair, consistent=group is not None))
+        self.groups = tie_groups(self.measured, len(ids), self.settings)
+        return _assembled(ids, self.measured, self.modes, self.groups, self.settings)
+
+    def join(self, tied: Synchronisation) -> Synchronisation:
+        """What was tied, with what hints alone tie."""
+        groups, self.ties = join_by_hints(self.groups, self.paths, self.hints, self.settings)
+        if all(t.objected for t in self.ties):
+            return tied
+        replaced = {(t.i, t.j): t.measured for t in self.ties if t.measured is not None}
+        measured = [m for m in self.measured if (m.i, m.j) not in replaced] + list(replaced.values())
+        measured.sort(key=lambda m: (m.i, m.j))
+        return _assembled(list(self.paths), measured, self.modes, groups, self.settings)
 
     def _measure(
         self, a: str, b: str, modes: Sequence[PairMode], offset_s: float | None
@@ -192,7 +259,30 @@ class _Search:
         )
         if geometry is None:
             return []
-        return [m for m in weigh(path0, path1, [geometry], settings) if abs(m.offset_s - offset_s) < 1.0]
+        near = [m for m in weigh(path0, path1, [geometry], settings) if abs(m.offset_s - offset_s) < 1.0]
+        return [favoured(m, self._hints(a, b), searched_span_s(path0, path1)) for m in near]
+
+
+class _RoughSearch(_Search):
+    """As the paper does it: each pair from its rough offset alone, at nominal rates."""
+
+    def __init__(
+        self,
+        paths: dict[str, ImagePath],
+        settings: SyncSettings,
+        rng: np.random.Generator,
+        rough_s: Mapping[str, float],
+    ) -> None:
+        super().__init__(paths, settings, rng, Hints())
+        self.rough_s = rough_s
+
+    def compare(self, a: str, b: str) -> None:
+        path0, path1 = self.paths[a], self.paths[b]
+        offset_s = self.rough_s[a] - self.rough_s[b]
+        self.modes[a, b] = rough_modes(path0, path1, offset_s, self.settings, self.rng)
+
+    def loose(self, tied: Synchronisation) -> list[str]:
+        return []
 
 
 def _failure(paths: Mapping[str, ImagePath], found: Synchronisation, settings: SyncSettings) -> ReconstructionError:
@@ -207,6 +297,9 @@ def _failure(paths: Mapping[str, ImagePath], found: Synchronisation, settings: S
         reason, hint = MOTION_WORDS["hover"]
     elif float(np.median([s.bend for s in shapes])) < settings.min_bend:
         reason, hint = MOTION_WORDS["straight"]
+    elif settings.method == "paper":
+        reason = "no two cameras can be tied together from the rough offsets: they are too far off, or share no view"
+        hint = f"Its longest step is {steps_s(settings)[-1]:.1f} s; the exhaustive search needs no rough offsets"
     else:
         reason = "no two cameras can be tied together: no time offset makes their tracks views of one flight"
         hint = (
@@ -224,14 +317,15 @@ def _assembled(
     settings: SyncSettings,
 ) -> Synchronisation:
     """Camera numbers back to names; the first group is the one that the reconstruction goes on with."""
+    alone = _OUT_OF_REACH if settings.method == "paper" else _ALONE
     used = {(m.i, m.j) for group in groups for m in group.pairs}
     evidence = tuple(
         _evidence(ids[m.i], ids[m.j], m, modes[ids[m.i], ids[m.j]], (m.i, m.j) in used, settings) for m in measured
     )
     if not groups:
-        return Synchronisation(ids[0], {}, (), np.zeros(0), dict.fromkeys(ids, _ALONE), evidence=evidence)
+        return Synchronisation(ids[0], {}, (), np.zeros(0), dict.fromkeys(ids, alone), evidence=evidence)
     first, reference = groups[0], ids[groups[0].reference]
-    untied = {ids[c]: _ALONE for c in range(len(ids)) if c not in first.clocks}
+    untied = {ids[c]: alone for c in range(len(ids)) if c not in first.clocks}
     for group in groups[1:]:
         names = [ids[c] for c in sorted(group.clocks)]
         for c in names:
@@ -263,7 +357,7 @@ def _evidence(
         (r.offset_s, r.evidence)
         for r in modes
         if abs(r.offset_s - m.mode.offset_s) > 2 * settings.tolerance_s
-        and r.evidence >= settings.rival_evidence * m.mode.evidence
+        and r.evidence >= settings.rival_evidence * m.mode.evidence > 0
     )
     return PairEvidence(
         a,
@@ -277,6 +371,8 @@ def _evidence(
         m.pair.confidence,
         accepted,
         rivals,
+        m.pair.blind_confidence,
+        m.pair.rival_evidence,
     )
 
 
@@ -300,6 +396,7 @@ def _on_given_clocks(tied: Synchronisation, factors: Mapping[str, float]) -> Syn
             p,
             offset_s=p.offset_s / factors[p.camera1],
             rate=p.rate * factors[p.camera0] / factors[p.camera1],
+            rivals=tuple((offset_s / factors[p.camera1], score) for offset_s, score in p.rivals),
         )
         for p in tied.evidence
     )
@@ -307,25 +404,19 @@ def _on_given_clocks(tied: Synchronisation, factors: Mapping[str, float]) -> Syn
     return replace(tied, clocks=given(tied.clocks), pairs=pairs, groups=groups, evidence=evidence)
 
 
-def hint_warnings(found: Synchronisation, hints_s: Mapping[str, float], tolerance_s: float = 0.5) -> list[str]:
-    """Which of the given offsets the tracks contradict: each is compared with what most of them agree on."""
-    hinted = [c for c in found.clocks if c in hints_s]
-    if len(hinted) < 2:
-        return []
-    difference = {c: found.clocks[c][0] - hints_s[c] for c in hinted}
-    if len(hinted) == 2:
-        a, b = hinted
-        off = difference[b] - difference[a]
-        if abs(off) <= tolerance_s:
-            return []
-        return [
-            f"The offsets given for {a} and {b} are contradicted by their tracks: "
-            f"offset_s of {b} should be {off:+.2f} s relative to what it is. They were not used."
-        ]
-    usual = float(np.median(list(difference.values())))
-    return [
-        f"The offset given for {c} is contradicted by the tracks: offset_s should be "
-        f"{hints_s[c] + difference[c] - usual:.2f} s, not {hints_s[c]:.2f} s. It was not used."
-        for c in hinted
-        if abs(difference[c] - usual) > tolerance_s
+def _judged(found: Synchronisation, hints: Hints, search: _Search) -> Synchronisation:
+    """With a verdict on every hint, and in words what users should know of them."""
+    if not hints:
+        return found
+    ids = list(search.given)
+    middle_s = {c: 0.5 * (p.begin_s + p.end_s) for c, p in search.given.items()}
+    clocks = Clocks(found.groups, found.deviations, middle_s)
+    verdicts = judge_hints(hints, clocks, search.settings.rate_prior, search.ties)
+    decided = [(ids[m.i], ids[m.j]) for m in decided_by_hints(search.measured, search.groups, search.settings)]
+    sentences = [v.text for v in verdicts if v.text] + tie_sentences(ids, search.ties)
+    sentences += [
+        decision_sentence(p.camera0, p.camera1, p.blind_confidence or 0.0, [offset_s for offset_s, _ in p.rivals])
+        for p in found.evidence
+        if (p.camera0, p.camera1) in decided
     ]
+    return replace(found, warnings=(*found.warnings, *sentences), hints=verdicts)

@@ -42,6 +42,7 @@ class PairGeometry:
     offset_sigma_s: float = np.inf  # formal, at the middle of the overlap
     rate_sigma: float = np.inf
     misfit: float = np.inf  # see `misfit`
+    inflation: float = 1.0  # residuals per independent one, by their correlation in time
 
 
 _MISFIT_SCALE = 1e-3
@@ -60,10 +61,22 @@ def correspond(
     With `count`, at most that many, evenly chosen.
     """
     time0 = common_times(path0, path1, rate_hz, offset_s, rate)
-    if count is not None and len(time0) > count:
-        time0 = time0[np.linspace(0, len(time0) - 1, count).round().astype(int)]
-    time1 = offset_s + rate * time0
-    return Correspondences(time0, time1, path0.evaluate(time0), path1.evaluate(time1), path1.evaluate(time1, 1))
+    return correspond_at(path0, path1, time0 if count is None else evenly(time0, count), offset_s, rate)
+
+
+def correspond_at(
+    path0: ImagePath, path1: ImagePath, time0_s: FloatArray, offset_s: float, rate: float
+) -> Correspondences:
+    """Correspondences at camera 0's times (n,), at which both paths must be defined."""
+    time1 = offset_s + rate * time0_s
+    return Correspondences(time0_s, time1, path0.evaluate(time0_s), path1.evaluate(time1), path1.evaluate(time1, 1))
+
+
+def evenly(values: FloatArray, count: int) -> FloatArray:
+    """At most `count` of the values (n,), evenly chosen."""
+    if len(values) <= count:
+        return values
+    return values[np.linspace(0, len(values) - 1, count).round().astype(int)]
 
 
 def common_times(path0: ImagePath, path1: ImagePath, rate_hz: float, offset_s: float, rate: float) -> FloatArray:
@@ -110,11 +123,11 @@ def five_point_pose(
 
 
 def time_shift_pose(
-    pairs: Correspondences, threshold: float, max_shift_s: float, rng: np.random.Generator
+    pairs: Correspondences, threshold: float, max_shift_s: float, rng: np.random.Generator, max_samples: int = 600
 ) -> tuple[Rigid, float] | None:
     """Relative pose and the correction of the offset by the eight-point solver with time shift, in RANSAC."""
     problem = TimeShiftProblem(pairs.xy0, pairs.xy1, pairs.velocity1, max_shift_s)
-    found = ransac(problem, threshold, rng, max_samples=600)
+    found = ransac(problem, threshold, rng, max_samples=max_samples)
     if found is None or found.inlier.sum() < 16:
         return None
     F, shift_s = found.model[:9].reshape(3, 3), float(found.model[9])
@@ -144,14 +157,18 @@ def refine(
     iterations: int = 12,
     nominal_rate: float | None = None,
     adapt: bool = False,
+    residuals_per_independent: float = 1.0,
 ) -> PairGeometry | None:
     """Minimise the Cauchy loss of the Sampson errors over rotation, baseline direction, offset and clock rate.
 
     One pass for each threshold (on the plane z = 1), the loss tightening from the first to the last; the rate is held
-    near `nominal_rate`, by default the one given, by a Gaussian prior of deviation `rate_prior`. With `adapt` a further
-    pass tightens the loss to what the residuals allow. Returns None when too little overlap remains.
+    near `nominal_rate`, by default the one given, by a Cauchy prior of scale `rate_prior`: clocks are good to far
+    better, but nominal frame rates are often another, similar number. Residuals that follow one another in time weigh
+    less against it by `residuals_per_independent`. With `adapt` a further pass tightens the loss to what the residuals
+    allow. Returns None when too little overlap remains.
     """
-    prior = (rate if nominal_rate is None else nominal_rate, rate_prior)
+    nominal = rate if nominal_rate is None else nominal_rate
+    prior = _RatePrior(nominal, rate_prior, residuals_per_independent)
     model = _Model(pose, offset_s, rate)
     fitted: tuple[float, float, FloatArray, FloatArray, Correspondences] | None = None
     passes = [*thresholds, None] if adapt else [*thresholds]
@@ -170,7 +187,9 @@ def refine(
     if fitted is None:
         raise ValueError("thresholds: expected at least one")
     last, centre, error, J, used = fitted
-    covariance = _covariance(model.pose, used, error, J, last, rate_prior)
+    correlated = _inflation(error, used.time0_s)
+    rate_sigma = float(np.hypot(rate_prior, model.rate - nominal))
+    covariance = _covariance(model.pose, used, error, J, last, rate_sigma, correlated)
     overlap_s = len(common_times(path0, path1, rate_hz, model.offset_s, model.rate)) / rate_hz
     pairs = correspond(path0, path1, rate_hz, model.offset_s, model.rate, max_samples)
     good = support(model.pose, pairs, 3 * thresholds[-1])
@@ -184,6 +203,7 @@ def refine(
         float(np.sqrt(covariance[5, 5])),
         float(np.sqrt(covariance[6, 6])),
         misfit(model.pose, pairs),
+        correlated,
     )
 
 
@@ -196,21 +216,36 @@ class _Model:
     rate: float
 
 
+@dataclass(frozen=True, slots=True)
+class _RatePrior:
+    """A Cauchy prior of the clock rate, and how many residuals count as one against it."""
+
+    nominal: float
+    scale: float
+    residuals_per_independent: float
+
+    def loss(self, rate: float) -> float:
+        """In units of the sum of the residuals' losses."""
+        return self.residuals_per_independent * float(np.log1p(((rate - self.nominal) / self.scale) ** 2))
+
+    def information(self, rate: float) -> float:
+        return self.residuals_per_independent / (self.scale**2 + (rate - self.nominal) ** 2)
+
+
 def _descend(
     model: _Model,
     pairs: Correspondences,
     path1: ImagePath,
     centre: float,
     threshold: float,
-    rate_prior: tuple[float, float],
+    prior: _RatePrior,
     iterations: int,
 ) -> tuple[_Model, FloatArray, FloatArray, Correspondences]:
     """Levenberg-Marquardt steps at camera 0's times of the pairs; the model, its errors, Jacobian and pairs."""
 
     def loss(error: FloatArray, rate: float) -> float:
-        return float(np.log1p((error / threshold) ** 2).mean() + ((rate - nominal) / deviation) ** 2 / len(error))
+        return float(np.log1p((error / threshold) ** 2).mean()) + prior.loss(rate) / len(error)
 
-    nominal, deviation = rate_prior
     damping = 1e-3
     half_span = max(float(np.ptp(pairs.time0_s)) / 2, 1.0)
     error, J = _sampson_jacobian(model.pose, pairs, centre)
@@ -218,8 +253,8 @@ def _descend(
         weight = 1 / (1 + (error / threshold) ** 2)
         H = (J * weight[:, None]).T @ J / threshold**2
         g = J.T @ (weight * error) / threshold**2
-        H[6, 6] += deviation**-2
-        g[6] += (model.rate - nominal) * deviation**-2
+        H[6, 6] += prior.information(model.rate)
+        g[6] += (model.rate - prior.nominal) * prior.information(model.rate)
         step = -np.asarray(np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-12), g), np.float64)
         candidate = _Model(*_step(model.pose, model.offset_s, model.rate, centre, step))
         moved = _moved(pairs, path1, candidate.offset_s, candidate.rate)
@@ -249,8 +284,23 @@ def _moved(pairs: Correspondences, path1: ImagePath, offset_s: float, rate: floa
     return Correspondences(time0, time1, xy0, xy1, path1.evaluate(time1, 1))
 
 
+def _inflation(error: FloatArray, time_s: FloatArray) -> float:
+    """Residuals (n,) per independent one."""
+    sigma = max(1.4826 * float(np.median(np.abs(error))), 1e-9)
+    step_s = max(float(np.median(np.diff(time_s))), 1e-9) if len(time_s) > 1 else 1.0
+    index = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
+    signed = np.column_stack([error, np.zeros_like(error)])
+    return inflation(signed, index, sigma, 1 / step_s, _LONGEST_CORRELATION_S)
+
+
 def _covariance(
-    pose: Rigid, pairs: Correspondences, error: FloatArray, J: FloatArray, threshold: float, rate_prior: float
+    pose: Rigid,
+    pairs: Correspondences,
+    error: FloatArray,
+    J: FloatArray,
+    threshold: float,
+    rate_sigma: float,
+    correlated: float,
 ) -> FloatArray:
     """Covariance (7, 7) of the refined parameters, from noise and from what the calibration may be wrong by.
 
@@ -259,17 +309,12 @@ def _covariance(
     """
     weight = 1 / (1 + (error / threshold) ** 2)
     sigma = max(1.4826 * float(np.median(np.abs(error))), 1e-9)
-    time_s = pairs.time0_s
-    step_s = max(float(np.median(np.diff(time_s))), 1e-9) if len(time_s) > 1 else 1.0
-    index = np.rint((time_s - time_s[0]) / step_s).astype(np.int64)
-    signed = np.column_stack([error, np.zeros_like(error)])
-    correlated = inflation(signed, index, sigma, 1 / step_s, _LONGEST_CORRELATION_S)
     H = (J * weight[:, None]).T @ J
-    H[6, 6] += sigma**2 * correlated / rate_prior**2
+    H[6, 6] += sigma**2 * correlated / rate_sigma**2
     inverse = np.linalg.pinv(H, hermitian=True)
     moved = inverse @ ((J * weight[:, None]).T @ _focal_jacobian(pose, pairs)) * _FOCAL_SIGMA
     formal = inverse * (sigma**2 * correlated)
-    spread = inverse @ _scatter(J * (weight * error)[:, None], time_s) @ inverse
+    spread = inverse @ _scatter(J * (weight * error)[:, None], pairs.time0_s) @ inverse
     # Where stretches of false detections remain, residuals pull together and the spread exceeds the formal figure.
     larger = np.sqrt(np.maximum(np.diag(spread) / np.maximum(np.diag(formal), 1e-300), 1.0))
     return formal * np.outer(larger, larger) + moved @ moved.T
@@ -323,23 +368,27 @@ def _sampson_jacobian(pose: Rigid, pairs: Correspondences, centre_s: float) -> t
     n = len(x0)
     E = epipolar.essential_matrix(pose)
     t_hat, R = hat(pose.translation), pose.rotation
-    directions = [t_hat @ hat(axis) @ R for axis in np.eye(3)]
-    directions += [hat(tangent) @ R for tangent in _tangent(pose.translation).T]
+    directions = np.stack(
+        [t_hat @ hat(axis) @ R for axis in np.eye(3)] + [hat(tangent) @ R for tangent in _tangent(pose.translation).T]
+    )
     line1, line0 = x0 @ E.T, x1 @ E
     numerator = (line1 * x1).sum(1)
-    norm2 = (line1[:, :2] ** 2).sum(1) + (line0[:, :2] ** 2).sum(1)
-    norm = np.sqrt(np.maximum(norm2, 1e-300))
+    norm2 = np.maximum((line1[:, :2] ** 2).sum(1) + (line0[:, :2] ** 2).sum(1), 1e-300)
 
-    J = np.empty((n, 7))
-    for k, dE in enumerate(directions):
-        d_line1, d_line0 = x0 @ dE.T, x1 @ dE
-        d_numerator = (d_line1 * x1).sum(1)
-        d_norm2 = 2 * ((line1[:, :2] * d_line1[:, :2]).sum(1) + (line0[:, :2] * d_line0[:, :2]).sum(1))
-        J[:, k] = d_numerator / norm - 0.5 * numerator * d_norm2 / (norm2 * norm)
+    d_line1 = np.empty((n, 6, 3))
+    d_line0 = np.empty((n, 6, 3))
+    d_line1[:, :5] = (x0 @ directions.reshape(15, 3).T).reshape(n, 5, 3)
+    d_line0[:, :5] = (x1 @ directions.transpose(1, 0, 2).reshape(3, 15)).reshape(n, 5, 3)
+    # A later time moves the point of camera 1 and with it the line in camera 0 only.
     v = np.column_stack([pairs.velocity1, np.zeros(n)])
-    d_line0 = v @ E
-    d_norm2 = 2 * (line0[:, :2] * d_line0[:, :2]).sum(1)
-    J[:, 5] = (line1 * v).sum(1) / norm - 0.5 * numerator * d_norm2 / (norm2 * norm)
+    d_line1[:, 5], d_line0[:, 5] = 0.0, v @ E
+    d_numerator = np.einsum("nkc,nc->nk", d_line1, x1)
+    d_numerator[:, 5] = (line1 * v).sum(1)
+    d_half_norm2 = np.einsum("nkc,nc->nk", d_line1[:, :, :2], line1[:, :2])
+    d_half_norm2 += np.einsum("nkc,nc->nk", d_line0[:, :, :2], line0[:, :2])
+    norm = np.sqrt(norm2)
+    J = np.empty((n, 7))
+    J[:, :6] = (d_numerator - (numerator / norm2)[:, None] * d_half_norm2) / norm[:, None]
     J[:, 6] = J[:, 5] * (pairs.time0_s - centre_s)
     return numerator / norm, J
 

@@ -32,7 +32,8 @@ def assemble(
     )
     reference = adjusted.scene.reference
     own = Reconstruction(reference, cameras, trajectory, "arbitrary", unregistered)
-    return in_reference_gauge(own, 1 / recordings[reference].frame_rate_hz), deviations
+    first_s, period_s = recordings[reference].frame_line()
+    return in_reference_gauge(own, period_s, first_s), deviations
 
 
 def _deviations(adjusted: Adjusted, recordings: Mapping[str, Recording], coverage: CoverageSettings) -> Posterior:
@@ -42,7 +43,7 @@ def _deviations(adjusted: Adjusted, recordings: Mapping[str, Recording], coverag
         residuals = _residuals(adjusted, own, index, float(adjusted.weights.sigma_px[index]), coverage)
         times.append(np.sort(residuals.time_s[residuals.inlier]))
     count = support(adjusted.problem.grid.knots_s(), times, coverage.window_s)
-    means = np.array([mean_camera_time_s(recordings[c]) for c in adjusted.camera_ids])
+    means = np.array([mean_camera_time_s(recordings[c]) - recordings[c].frame_line()[0] for c in adjusted.camera_ids])
     return posterior(adjusted, means, count >= coverage.min_cameras)
 
 
@@ -62,7 +63,7 @@ def _estimate(
         _residuals(adjusted, own, index, sigma_px, coverage),
         sigma_px,
         ClockDeviation(
-            float(deviations.clock_offset[index]), float(clock[1] / recording.frame_rate_hz), float(clock[2])
+            float(deviations.clock_offset[index]), float(clock[1] * recording.frame_line()[1]), float(clock[2])
         ),
         deviations.centre[index],
     )

@@ -11,9 +11,11 @@ import numpy as np
 from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.driver import Adjusted
 from skytrace.estimation.clock_wander import Wander, find_wander, retimed
-from skytrace.estimation.correspond import image_path
+from skytrace.estimation.correspond import ImagePath, image_path
 from skytrace.estimation.finish import finish, refined_paths
+from skytrace.estimation.given_offsets import given_synchronisation
 from skytrace.estimation.grow import Grown, Growth, complete, grow
+from skytrace.estimation.hints import Hints
 from skytrace.estimation.initialize import InitialPair, initial_pairs
 from skytrace.estimation.posterior import Posterior
 from skytrace.estimation.synchronize import Synchronisation, synchronize
@@ -52,24 +54,18 @@ def run(
     recordings: Sequence[Recording],
     config: Config,
     *,
-    hints_s: Mapping[str, float] | None = None,
+    hints: Hints | None = None,
     progress: Progress = lambda name, done, total: None,
 ) -> Iterator[Stage]:
     """Reconstruct a flight from cleaned recordings; the last stage's product is the Outcome.
 
-    `hints_s` are rough clock offsets, never needed; `progress` hears of the steps inside long stages. Raises
+    `hints` are what is known of the clocks, never needed; `progress` hears of the steps inside long stages. Raises
     ReconstructionError where the data determine nothing.
     """
     given, silent = _usable(recordings)
     readout = config.adjust.readout_fraction
     paths = {c: image_path(r, readout) for c, r in given.items()}
-    synchronisation = synchronize(
-        paths,
-        config.synchronise,
-        np.random.default_rng(config.seed),
-        hints_s,
-        lambda done, total: progress("synchronise", done, total),
-    )
+    synchronisation = _synchronise(paths, config, hints, progress)
     yield Stage("synchronise", 1, 1, synchronisation)
 
     corrected, clocks = correct_frame_rates(given, synchronisation.clocks)
@@ -80,7 +76,15 @@ def run(
     yield Stage("initialise", 1, 1, starts)
 
     growth = Growth(
-        corrected, paths, clocks, config.structure, config.register, config.adjust, config.grow, config.seed
+        corrected,
+        paths,
+        clocks,
+        config.structure,
+        config.register,
+        config.adjust,
+        config.grow,
+        config.seed,
+        config.freedom,
     )
     grown = None
     for grown in _grow_from_best(starts[: config.start_attempts], growth):
@@ -104,6 +108,20 @@ def run(
         )
     product = Outcome(reconstruction, finished.adjusted, deviations, synchronisation, finished.wander)
     yield Stage("cover", 1, 1, product)
+
+
+def _synchronise(
+    paths: Mapping[str, ImagePath], config: Config, hints: Hints | None, progress: Progress
+) -> Synchronisation:
+    if config.synchronise.method == "given":
+        return given_synchronisation(paths, hints or Hints(), config.synchronise)
+    return synchronize(
+        paths,
+        config.synchronise,
+        np.random.default_rng(config.seed),
+        hints,
+        lambda done, total: progress("synchronise", done, total),
+    )
 
 
 def outcome(stages: Iterator[Stage]) -> Outcome:
@@ -137,15 +155,20 @@ def correct_frame_rates(
 ) -> tuple[dict[str, Recording], dict[str, tuple[float, float]]]:
     """Recordings with the frame rates that synchronisation found where those given are grossly wrong, and their clocks.
 
-    The rate found is folded into the frame rate. Time stamps are taken at their word.
+    The rate found is folded into the frame rate, and into the time stamps, which are stretched in slowed-down videos.
     """
     corrected, found = dict(recordings), dict(clocks)
     for camera_id, (offset_s, rate) in clocks.items():
-        recording = recordings[camera_id]
-        if abs(rate - 1) > _GROSS_RATE and all(track.time_s is None for track in recording.tracks):
-            corrected[camera_id] = replace(recording, frame_rate_hz=recording.frame_rate_hz / rate)
+        if abs(rate - 1) > _GROSS_RATE:
+            corrected[camera_id] = _stretched(recordings[camera_id], rate)
             found[camera_id] = (offset_s, 1.0)
     return corrected, found
+
+
+def _stretched(recording: Recording, rate: float) -> Recording:
+    """The same frames, `rate` times as far apart."""
+    tracks = tuple(t if t.time_s is None else replace(t, time_s=rate * t.time_s) for t in recording.tracks)
+    return replace(recording, frame_rate_hz=recording.frame_rate_hz / rate, tracks=tracks)
 
 
 def _grow_from_best(starts: Sequence[InitialPair], growth: Growth) -> Iterator[Grown]:
@@ -198,7 +221,7 @@ def _finish(grown: Grown, growth: Growth, config: Config) -> Iterator[_Finished]
         )
         grown = replace(grown, adjusted=adjusted)
         if k == 0:
-            wander = find_wander(adjusted, config.wander)
+            wander = find_wander(adjusted, config.wander) if config.freedom.clocks else {}
             recordings |= {c: retimed(recordings[c], w, adjusted.scene.cameras[c].rate) for c, w in wander.items()}
             refined = {**paths, **refined_paths(adjusted.scene, recordings)}
             before = len(adjusted.camera_ids)

@@ -9,16 +9,28 @@ import numpy as np
 
 from skytrace.estimation.adjust.driver import Adjusted
 from skytrace.estimation.adjust.problem import ASPECT, FOCAL, PRINCIPAL, RADIAL, RATE, READOUT
+from skytrace.estimation.clock_wander import Wander
 from skytrace.estimation.posterior import Posterior
 from skytrace.model.reconstruction import Reconstruction
+from skytrace.model.track import Recording
 from skytrace.pipeline.offline import Outcome
 from skytrace.pipeline.prepare import Prepared
+from skytrace.pipeline.sync_document import as_document
 
 _DETERMINED, _PARTLY = 0.3, 0.8  # posterior deviation over prior deviation
 _ODD_RATE = 5e-3
 _ODD_PRIORS = 3.0
 _UNEVEN_PX = 3.0
 _WEAK = 1.5e-3
+_ENDINGS = {
+    "iterations": "The adjustment had not settled when it was stopped; the last steps changed little.",
+    "no acceptable step": "The adjustment diverged: no step improved it any more, although it is not at its best. "
+    "Do not trust this run; look at the cameras with large reprojection errors.",
+    "singular": "The adjustment diverged: its equations have no solution. Do not trust this run; look for cameras that "
+    "share too little of the flight with the others.",
+    "not finite": "The adjustment diverged: it started from numbers without a cost. Do not trust this run; check the "
+    "calibrations and detections for absurd values.",
+}
 
 
 def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, float]) -> dict[str, Any]:
@@ -33,23 +45,11 @@ def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, floa
         "segments": [{"begin_s": s.begin_s, "end_s": s.end_s} for s in segments],
         **_accuracy(reconstruction),
         "cameras": _cameras(outcome, prepared),
-        "synchronisation": {
-            "pairs": [
-                {
-                    "camera0": p.camera0,
-                    "camera1": p.camera1,
-                    "offset_s": p.offset_s,
-                    "rate": p.rate,
-                    "inlier_s": p.inlier_s,
-                    "score": p.score,
-                }
-                for p in outcome.synchronisation.pairs
-            ],
-            "disagreement_s": outcome.synchronisation.disagreement_s.tolist(),
-        },
+        "synchronisation": _synchronisation(outcome, prepared),
         "adjustment": {
             "iterations": outcome.adjusted.iterations,
             "converged": outcome.adjusted.converged,
+            "ending": outcome.adjusted.ending,
             "residuals_per_independent_one": outcome.adjusted.inflation,
             "motion_prior_weight": outcome.adjusted.motion.weight,
         },
@@ -65,6 +65,12 @@ def _accuracy(reconstruction: Reconstruction) -> dict[str, float]:
     low, high = np.percentile(reconstruction.trajectory.position(times), [2, 98], axis=0)
     sigma = reconstruction.trajectory.sigma(times)
     return {"sigma_median": float(np.median(sigma)), "extent": float(np.linalg.norm(high - low))}
+
+
+def _synchronisation(outcome: Outcome, prepared: Prepared) -> dict[str, Any]:
+    """What `skytrace sync` would write, but for the warnings, which are among the run's own."""
+    document = as_document(outcome.synchronisation, [r.camera_id for r in prepared.recordings])
+    return {key: value for key, value in document.items() if key != "warnings"}
 
 
 def _cameras(outcome: Outcome, prepared: Prepared) -> dict[str, Any]:
@@ -128,25 +134,45 @@ def _verdict(value: float, prior: float, posterior: float) -> dict[str, Any]:
     return {"value": value, "prior_sd": prior, "posterior_sd": posterior, "determined": said}
 
 
+def _wander_words(recording: Recording, wander: Wander) -> str:
+    sways = f"by {1e3 * wander.rms_s:.0f} ms (rms), which was estimated from the residuals"
+    if recording.stamped:
+        return (
+            f"Camera {recording.camera_id}'s time stamps are uneven {sways}: check that they are those of the video "
+            "that was measured, frame by frame."
+        )
+    return (
+        f"Camera {recording.camera_id}'s frames are not evenly spaced: its clock wanders {sways}. Its video's own "
+        'frame times are better: give them as timestamps = "FILE", for instance from ffprobe (see docs/formats.md).'
+    )
+
+
+def _rate_words(recording: Recording, period_s: float) -> list[str]:
+    """What to say of a camera that does not run as given."""
+    given_hz, found_hz = 1 / recording.frame_line()[1], 1 / period_s
+    if abs(found_hz / given_hz - 1) <= _ODD_RATE:
+        return []
+    if recording.stamped:
+        return [
+            f"Camera {recording.camera_id}'s time stamps say {given_hz:.4g} frames a second, the flight "
+            f"{found_hz:.4g}: give those of the video as it was filmed, not slowed down or converted, or none."
+        ]
+    return [
+        f"Camera {recording.camera_id} runs at {found_hz:.4g} frames a second, not the {given_hz:.4g} given: "
+        'correct frame_rate_hz, or give timestamps = "FILE" if its frame rate varies (see docs/formats.md).'
+    ]
+
+
 def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, Any]) -> list[str]:
     """What a user should know before trusting the run, in words."""
     reconstruction, out = outcome.reconstruction, []
     for camera_id, reason in reconstruction.unregistered.items():
         out.append(f"Camera {camera_id} is left out: {reason}.")
     out += outcome.synchronisation.warnings
-    given = {r.camera_id: r.frame_rate_hz for r in prepared.recordings}
-    for camera_id, wander in outcome.wander.items():
-        out.append(
-            f"Camera {camera_id}'s frames are not evenly spaced: its clock wanders by {1e3 * wander.rms_s:.0f} ms "
-            "(rms), which was estimated; per-frame time stamps would be better."
-        )
+    recordings = {r.camera_id: r for r in prepared.recordings}
+    out += [_wander_words(recordings[camera_id], wander) for camera_id, wander in outcome.wander.items()]
     for camera_id, camera in reconstruction.cameras.items():
-        found = 1 / camera.clock.period_s
-        if abs(found / given[camera_id] - 1) > _ODD_RATE:
-            out.append(
-                f"Camera {camera_id} runs at {found:.4g} frames a second, not the {given[camera_id]:.4g} given: "
-                "correct frame_rate_hz, or give time stamps if its frame rate varies."
-            )
+        out += _rate_words(recordings[camera_id], camera.clock.period_s)
         focal = observability[camera_id]["focal_scale"]
         if focal["prior_sd"] and abs(focal["value"]) > _ODD_PRIORS * focal["prior_sd"]:
             out.append(
@@ -158,8 +184,8 @@ def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, 
                 f"Camera {camera_id} leaves a median reprojection error of {camera.residuals.median_px:.1f} px: "
                 "look at its detections, its calibration and its frame rate."
             )
-    if not outcome.adjusted.converged:
-        out.append("The adjustment had not settled when it was stopped; the last steps changed little.")
+    if outcome.adjusted.ending in _ENDINGS:
+        out.append(_ENDINGS[outcome.adjusted.ending])
     accuracy = _accuracy(reconstruction)
     if accuracy["sigma_median"] > _WEAK * accuracy["extent"]:
         share = 100 * accuracy["sigma_median"] / accuracy["extent"]
