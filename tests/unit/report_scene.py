@@ -78,7 +78,7 @@ def _camera(
     clock = Clock(-12.5 * index, 1 / frame_rate_hz, 0.6 / frame_rate_hz, 1080)
     fixed = index == 0
     deviation = ClockDeviation(0.0 if fixed else 0.0012, 0.0 if fixed else 2.5e-7, 0.0016)
-    return CameraEstimate(pose, clock, lens, refined, residuals, 0.5, deviation, np.array([0.003, 0.002, 0.001]))
+    return CameraEstimate(pose, clock, lens, refined, residuals, 0.5, deviation, np.diag([0.003, 0.002, 0.001]) ** 2)
 
 
 def make_summary(reconstruction: Reconstruction) -> dict[str, object]:

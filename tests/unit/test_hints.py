@@ -268,7 +268,7 @@ class TestVerdicts:
 
     def test_the_sentence_on_a_decision_names_the_rivals(self):
         text = decision_sentence("a", "b", 0.497, [17.21, 33.0])
-        assert "sure to 50 %; offsets of 17.21, 33.00 s fit nearly as well." in text
+        assert "sure to 50 %; offsets +17.21, +33.00 s away fit nearly as well." in text
 
     def test_verdicts_are_plain_values(self):
         (a, _) = judge_hints(offsets(a=0.0, b=12.0), clocks(a=0.0, b=12.0), RATE_SIGMA)

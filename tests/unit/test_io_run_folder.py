@@ -33,7 +33,7 @@ def camera(rng: np.random.Generator, seen_s: np.ndarray, inlier: np.ndarray) -> 
         residuals=Residuals(np.arange(n), seen_s, rng.uniform(0, 700, (n, 2)), rng.normal(0, 1, (n, 2)), inlier),
         sigma_px=0.5,
         clock_deviation=ClockDeviation(0.001, 1e-6, 0.0),
-        centre_deviation=np.array([0.1, 0.2, 0.3]),
+        centre_covariance=np.diag([0.1, 0.2, 0.3]) ** 2,
     )
 
 

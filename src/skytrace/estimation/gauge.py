@@ -40,6 +40,7 @@ def _frame(reconstruction: Reconstruction) -> Similarity:
 
 def _camera(camera: CameraEstimate, world_from_old: Similarity, offset: float, rate: float) -> CameraEstimate:
     clock, deviation = camera.clock, camera.clock_deviation
+    turn = world_from_old.scale * world_from_old.rotation
     return replace(
         camera,
         camera_from_world=_cleaned(world_from_old.apply_to_pose(camera.camera_from_world)),
@@ -51,9 +52,7 @@ def _camera(camera: CameraEstimate, world_from_old: Similarity, offset: float, r
             period_s=deviation.period_s / rate,
             readout_s=deviation.readout_s / rate,
         ),
-        # Variances along the new axes; the axes' correlation is not kept.
-        centre_deviation=world_from_old.scale
-        * np.sqrt((world_from_old.rotation**2) @ np.asarray(camera.centre_deviation) ** 2),
+        centre_covariance=turn @ camera.centre_covariance @ turn.T,
     )
 
 

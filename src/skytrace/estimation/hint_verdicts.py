@@ -98,9 +98,9 @@ def tie_sentences(camera_ids: Sequence[str], ties: Sequence[HintTie]) -> list[st
 
 
 def decision_sentence(camera0: str, camera1: str, blind_confidence: float, rivals_s: Sequence[float]) -> str:
-    """That the offset of two cameras would be open without hints."""
-    others = ", ".join(f"{offset_s:.2f}" for offset_s in rivals_s)
-    rivals = f"; offsets of {others} s fit nearly as well" if others else ""
+    """That the offset of two cameras would be open without hints; rivals by how far they are from it."""
+    others = ", ".join(f"{away_s:+.2f}" for away_s in rivals_s)
+    rivals = f"; offsets {others} s away fit nearly as well" if others else ""
     return (
         f"The offset of {camera0} and {camera1} rests on the hints: their tracks alone make it sure to "
         f"{100 * blind_confidence:.0f} %{rivals}."

@@ -44,17 +44,21 @@ def inflation(
     # Very long recordings are judged by the stretch that fits; correlations are local.
     within = position < 2_000_000
     position, pull = position[within], pull[within]
-    n = int(position.max()) + 1
-    lags = max(2, min(n, round(longest_s * frame_rate_hz)))
-    signal = np.zeros((3, n))
-    signal[0, position] = 1.0
-    signal[1:, position] = pull.T
-    correlation = autocorrelation(signal, lags)
-    pairs = np.rint(correlation[0])
+    lags = max(2, min(int(position.max()) + 1, round(longest_s * frame_rate_hz)))
+    pairs, products = lagged_products(position, pull, lags)
     known = np.flatnonzero(pairs > 0)  # detections in every other frame have no pairs at odd lags
-    covariance = np.interp(np.arange(lags), known, (correlation[1] + correlation[2])[known] / pairs[known])
+    covariance = np.interp(np.arange(lags), known, products[known] / pairs[known])
     if covariance[0] <= 0:
         return 1.0
     rho = covariance[1:] / covariance[0]
     stop = np.flatnonzero(rho <= 0)
     return float(1 + 2 * rho[: stop[0] if len(stop) else len(rho)].sum())
+
+
+def lagged_products(position: IntArray, values: FloatArray, n_lags: int) -> tuple[FloatArray, FloatArray]:
+    """Numbers of pairs (n_lags,) of values (n, d) at positions (n,) >= 0 so far apart, and their summed products."""
+    n = int(position.max()) + 1
+    counted = np.column_stack([np.ones(len(values)), values])
+    signal = np.stack([np.bincount(position, column, n) for column in counted.T]).astype(np.float64)
+    correlation = autocorrelation(signal, n_lags)
+    return np.rint(correlation[0]), correlation[1:].sum(axis=0)

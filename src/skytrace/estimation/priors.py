@@ -32,6 +32,7 @@ class MotionPrior:
     _band: FloatArray = field(repr=False)  # (4, m) lower band of the energy of one coordinate
     extent: FloatArray = field(repr=False)  # (m,) 1 for the control points that tell the flight's size, else 0
     determined: float  # degrees of freedom that the data determine, as `automatic_weight` counts them
+    size: float = 1.0  # squared extent for which the cost of size is zero, so that costs do not depend on the unit
 
     @property
     def rank(self) -> int:
@@ -63,7 +64,7 @@ class MotionPrior:
         return replace(self, weight=weight)
 
     def cost(self, control: FloatArray) -> float:
-        """What the prior adds to the objective: weight * energy / 2 - determined * ln(squared extent) / 2.
+        """What the prior adds to the objective: weight * energy / 2 - determined * ln(squared extent / size) / 2.
 
         A shorter path has less energy, so the energy alone shrinks the flight against the cameras, through focal
         lengths and depths, with the force of as many observations as the data determine of its shape. A prior on shape
@@ -73,7 +74,7 @@ class MotionPrior:
         shape = 0.5 * self.weight * self.energy(control)
         if not self.extent.any():
             return shape
-        return shape - 0.5 * self.determined * float(np.log(self._squared_extent(control)))
+        return shape - 0.5 * self.determined * float(np.log(self._squared_extent(control) / self.size))
 
     def cost_gradient(self, control: FloatArray) -> FloatArray:
         """Derivative (m, 3) of `cost`."""
@@ -110,7 +111,8 @@ def motion_prior(kind: PriorKind, spacing_s: float, runs: tuple[tuple[int, int],
 
 def balanced(prior: MotionPrior, control: FloatArray, weight: float) -> MotionPrior:
     """The prior with a weight, and with no pull on the size of the flight of these control points."""
-    return replace(prior, weight=weight, determined=weight * prior.energy(control))
+    size = prior._squared_extent(control) if prior.extent.any() else 1.0
+    return replace(prior, weight=weight, determined=weight * prior.energy(control), size=size)
 
 
 def automatic_weight(prior: MotionPrior, control: FloatArray, trace: float) -> float:

@@ -415,7 +415,7 @@ def _judged(found: Synchronisation, hints: Hints, search: _Search) -> Synchronis
     decided = [(ids[m.i], ids[m.j]) for m in decided_by_hints(search.measured, search.groups, search.settings)]
     sentences = [v.text for v in verdicts if v.text] + tie_sentences(ids, search.ties)
     sentences += [
-        decision_sentence(p.camera0, p.camera1, p.blind_confidence or 0.0, [offset_s for offset_s, _ in p.rivals])
+        decision_sentence(p.camera0, p.camera1, p.blind_confidence or 0.0, [at - p.offset_s for at, _ in p.rivals])
         for p in found.evidence
         if (p.camera0, p.camera1) in decided
     ]

@@ -74,10 +74,15 @@ class CameraEstimate:
     residuals: Residuals
     sigma_px: float  # robust deviation of the residuals per axis
     clock_deviation: ClockDeviation
-    centre_deviation: FloatArray  # (3,) in world units
+    centre_covariance: FloatArray  # (3, 3) in world units
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centre_deviation", frozen_array(self.centre_deviation, (3,), "centre_deviation"))
+        object.__setattr__(self, "centre_covariance", frozen_array(self.centre_covariance, (3, 3), "centre_covariance"))
+
+    @property
+    def centre_deviation(self) -> FloatArray:
+        """Standard deviations (3,) of the centre along the world's axes."""
+        return np.sqrt(np.maximum(np.diag(self.centre_covariance), 0.0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from skytrace.estimation.posterior import Posterior, posterior
 from skytrace.geometry.arrays import FloatArray
 from skytrace.model.reconstruction import CameraEstimate, ClockDeviation, Reconstruction, Residuals
 from skytrace.model.track import Recording
+from skytrace.pipeline.canonical import Origin
 
 
 def assemble(
@@ -20,31 +22,47 @@ def assemble(
     recordings: Mapping[str, Recording],
     unregistered: Mapping[str, str],
     coverage: CoverageSettings,
+    order: Sequence[str],
+    origins: Mapping[str, Origin],
 ) -> tuple[Reconstruction, Posterior]:
-    """The reconstruction of an adjusted scene; `recordings` are in the order in which cameras are listed."""
-    deviations = _deviations(adjusted, recordings, coverage)
-    cameras = {}
-    for camera_id in sorted(adjusted.camera_ids, key=list(recordings).index):
-        cameras[camera_id] = _estimate(adjusted, deviations, camera_id, recordings[camera_id], coverage)
+    """The reconstruction of an adjusted scene, on the clock and in the frame of its first camera in `order`.
+
+    `recordings` are those adjusted, their frames and times counted from `origins`.
+    """
+    listed = [c for c in order if c in adjusted.camera_ids]
+    deviations = _deviations(adjusted, recordings, coverage, listed[0], origins)
+    cameras = {c: _estimate(adjusted, deviations, c, recordings[c], coverage) for c in listed}
     inlier_times_s = [np.sort(c.residuals.time_s[c.residuals.inlier]) for c in cameras.values()]
     trajectory = covered_trajectory(
         adjusted.problem.grid, adjusted.state.control, deviations.knot_sigma, inlier_times_s, coverage
     )
-    reference = adjusted.scene.reference
-    own = Reconstruction(reference, cameras, trajectory, "arbitrary", unregistered)
-    first_s, period_s = recordings[reference].frame_line()
-    return in_reference_gauge(own, period_s, first_s), deviations
+    own = Reconstruction(listed[0], cameras, trajectory, "arbitrary", unregistered)
+    first_s, period_s = recordings[listed[0]].frame_line()
+    found = in_reference_gauge(own, period_s, first_s + origins[listed[0]].time_s)
+    return replace(found, cameras={c: origins[c].restored(e) for c, e in found.cameras.items()}), deviations
 
 
-def _deviations(adjusted: Adjusted, recordings: Mapping[str, Recording], coverage: CoverageSettings) -> Posterior:
+def _deviations(
+    adjusted: Adjusted,
+    recordings: Mapping[str, Recording],
+    coverage: CoverageSettings,
+    reference: str,
+    origins: Mapping[str, Origin],
+) -> Posterior:
     times = []
     for index in range(len(adjusted.camera_ids)):
         own = adjusted.problem.observations.camera == index
         residuals = _residuals(adjusted, own, index, float(adjusted.weights.sigma_px[index]), coverage)
         times.append(np.sort(residuals.time_s[residuals.inlier]))
     count = support(adjusted.problem.grid.knots_s(), times, coverage.window_s)
-    means = np.array([mean_camera_time_s(recordings[c]) - recordings[c].frame_line()[0] for c in adjusted.camera_ids])
-    return posterior(adjusted, means, count >= coverage.min_cameras)
+    means = np.array([_since_frame_0_s(recordings[c], origins[c]) for c in adjusted.camera_ids])
+    return posterior(adjusted, means, count >= coverage.min_cameras, adjusted.camera_ids.index(reference))
+
+
+def _since_frame_0_s(recording: Recording, origin: Origin) -> float:
+    """Mean camera time of the detections since the frame that was numbered 0."""
+    first_s, period_s = recording.frame_line()
+    return mean_camera_time_s(recording) - first_s + origin.frame * period_s
 
 
 def _estimate(
@@ -65,7 +83,7 @@ def _estimate(
         ClockDeviation(
             float(deviations.clock_offset[index]), float(clock[1] * recording.frame_line()[1]), float(clock[2])
         ),
-        deviations.centre[index],
+        deviations.centre_covariance[index],
     )
 
 

@@ -22,6 +22,7 @@ from skytrace.estimation.synchronize import Synchronisation, synchronize
 from skytrace.model.reconstruction import Reconstruction
 from skytrace.model.track import Recording
 from skytrace.pipeline.assemble import assemble
+from skytrace.pipeline.canonical import origins, rebased_hints, restored_synchronisation
 from skytrace.pipeline.config import Config
 
 
@@ -37,7 +38,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outcome:
-    """The end of the stream."""
+    """The end of the stream. `adjusted` and `wander` count each camera's time from its first detection."""
 
     reconstruction: Reconstruction
     adjusted: Adjusted
@@ -63,13 +64,17 @@ def run(
     ReconstructionError where the data determine nothing.
     """
     given, silent = _usable(recordings)
+    order, origin = tuple(given), origins(given)
+    given = {c: at.rebased(given[c]) for c, at in origin.items()}
     readout = config.adjust.readout_fraction
     paths = {c: image_path(r, readout) for c, r in given.items()}
-    synchronisation = _synchronise(paths, config, hints, progress)
-    yield Stage("synchronise", 1, 1, synchronisation)
+    synchronisation = _synchronise(paths, config, rebased_hints(hints or Hints(), origin), progress)
+    as_given = restored_synchronisation(synchronisation, origin)
+    yield Stage("synchronise", 1, 1, as_given)
 
     corrected, clocks = correct_frame_rates(given, synchronisation.clocks)
     paths |= {c: image_path(r, readout) for c, r in corrected.items() if r is not given[c]}
+    origin = {c: at.stretched(given[c].frame_rate_hz / corrected[c].frame_rate_hz) for c, at in origin.items()}
     starts = initial_pairs(
         replace(synchronisation, clocks=clocks), paths, corrected, config.initialise, config.structure, readout
     )
@@ -97,7 +102,9 @@ def run(
     assert finished is not None  # config.passes >= 1
 
     unregistered = {**silent, **synchronisation.untied, **finished.missing}
-    reconstruction, deviations = assemble(finished.adjusted, finished.recordings, unregistered, config.coverage)
+    reconstruction, deviations = assemble(
+        finished.adjusted, finished.recordings, unregistered, config.coverage, order, origin
+    )
     if not reconstruction.trajectory.segments:
         raise ReconstructionError(
             "cover",
@@ -106,7 +113,7 @@ def run(
             threshold=config.coverage.min_segment_s,
             hint="The reconstruction contradicts itself; check calibrations and frame rates",
         )
-    product = Outcome(reconstruction, finished.adjusted, deviations, synchronisation, finished.wander)
+    product = Outcome(reconstruction, finished.adjusted, deviations, as_given, finished.wander)
     yield Stage("cover", 1, 1, product)
 
 

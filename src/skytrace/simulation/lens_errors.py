@@ -47,5 +47,5 @@ def radial_change(corner: float, displacement: float, rng: np.random.Generator) 
     response = radius[:, None] ** [3, 5, 7]
     precision = np.diag(1 / _RADIAL_SPREAD**2) + response.T @ response / displacement**2
     # L L^T = precision: L^-T turns unit noise into noise of the inverse covariance.
-    unit = np.clip(rng.normal(size=3), -3, 3)
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(precision).T, unit), np.float64)
+    change = np.linalg.solve(np.linalg.cholesky(precision).T, np.clip(rng.normal(size=3), -3, 3))
+    return np.asarray(change, np.float64)
