@@ -27,12 +27,12 @@ import numpy as np
 
 from benchmarks.adjustment import best_ms
 from skytrace.estimation.adjust import normal, solve
+from skytrace.estimation.adjust.camera_priors import Priors
 from skytrace.estimation.adjust.driver import Adjusted, make_priors
 from skytrace.estimation.adjust.problem import (
     N_PARAMETERS,
     KnotGrid,
     Observations,
-    Priors,
     Problem,
     State,
     Weights,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from skytrace.estimation.adjust import solve
+from skytrace.estimation.adjust.camera_priors import Priors
 from skytrace.estimation.adjust.problem import (
     N_PARAMETERS,
     KnotGrid,
     Observations,
-    Priors,
     Problem,
     State,
     Weights,

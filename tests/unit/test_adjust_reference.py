@@ -11,8 +11,9 @@ from test_adjust_kernel import RUNS, SPACING_S, moved, random_problem, random_st
 from test_adjust_solve import DEVIATION, dense_of, perturbed, priors_about
 
 from skytrace.estimation.adjust import normal, reference, solve
+from skytrace.estimation.adjust.camera_priors import GaussianTerm
 from skytrace.estimation.adjust.losses import LossKind
-from skytrace.estimation.adjust.problem import N_PARAMETERS, OFFSET
+from skytrace.estimation.adjust.problem import CENTRE, FOCAL, N_PARAMETERS, OFFSET, READOUT
 from skytrace.estimation.priors import balanced, motion_prior
 
 # Sizes of a difference step for each camera parameter.
@@ -59,6 +60,14 @@ def assert_relative(actual, expected, tolerance=1e-10):
     np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
+def joint_term(rng, truth):
+    """A joint prior on coordinates of two cameras, off the state, one of them held fixed."""
+    index = N_PARAMETERS * np.array([0, 1, 1, 2, 2]) + np.array([CENTRE.start, CENTRE.start, FOCAL, FOCAL, READOUT])
+    A = rng.normal(size=(5, 5))
+    values = truth.parameters().ravel()[index]
+    return GaussianTerm(index, values + 0.01 * rng.normal(size=5), 50 * A @ A.T)
+
+
 def hard_case(seed, loss="cauchy", motion_kind="jerk"):
     """A random problem away from its minimum, with outliers, priors off their means and detections nobody predicts."""
     rng = np.random.default_rng(seed)
@@ -73,7 +82,8 @@ def hard_case(seed, loss="cauchy", motion_kind="jerk"):
     off = 0.5 * np.where(np.isfinite(DEVIATION), DEVIATION, 0.0) * rng.normal(size=(3, N_PARAMETERS))
     motion = motion_prior(motion_kind, SPACING_S, RUNS, 1.0)
     motion = balanced(replace(motion, extent=rng.uniform(size=len(state.control)).round()), state.control, 1e-3)
-    return problem, state, priors_about(truth, off), replace(random_weights(rng), loss=loss), motion
+    priors = replace(priors_about(truth, off), terms=(joint_term(rng, truth),))
+    return problem, state, priors, replace(random_weights(rng), loss=loss), motion
 
 
 @pytest.mark.parametrize("loss", get_args(LossKind))
@@ -107,10 +117,12 @@ def test_normal_equations_agree(seed, motion, loss):
         assert_relative(g[part], gradient[part])
 
 
+@pytest.mark.parametrize("unit_held", [True, False])
 @pytest.mark.parametrize("damping", [1e-4, 1.0])
 @pytest.mark.parametrize("seed", range(5))
-def test_steps_agree(seed, damping):
+def test_steps_agree(seed, damping, unit_held):
     problem, state, priors, weights, motion = hard_case(seed)
+    problem = replace(problem, unit_held=unit_held)
     equations = solve.assemble(problem, state, priors, weights, motion)
     camera, spline = normal.step(equations, normal.eliminate(equations, damping))
     expected = reference.damped_step(problem, state, priors, weights, motion, damping)

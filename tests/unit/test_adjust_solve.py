@@ -17,6 +17,7 @@ from test_adjust_kernel import (
 )
 
 from skytrace.estimation.adjust import normal, solve
+from skytrace.estimation.adjust.camera_priors import Priors
 from skytrace.estimation.adjust.problem import (
     CENTRE,
     CLOCK,
@@ -24,7 +25,6 @@ from skytrace.estimation.adjust.problem import (
     N_PARAMETERS,
     OFFSET,
     ROTATION,
-    Priors,
 )
 from skytrace.estimation.priors import motion_prior
 from skytrace.geometry.rigid import so3_log

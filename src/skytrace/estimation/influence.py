@@ -135,9 +135,13 @@ class Influence:
     @cached_property
     def data(self) -> FloatArray:
         """The cameras' reduced normal matrix (p, p) without their priors."""
-        free = self.column >= 0
-        prior = np.bincount(self.column[free], self.adjusted.priors.precision[free] ** 2, self.n_unknowns)
-        return self.factor.reduced - np.diag(prior)
+        return self.factor.reduced - self.known
+
+    @cached_property
+    def known(self) -> FloatArray:
+        """What the priors add to it."""
+        _, matrix = self.adjusted.priors.linearised(self.adjusted.state)
+        return solve.by_unknown(matrix, self.column)
 
 
 def influence(adjusted: Adjusted) -> Influence:

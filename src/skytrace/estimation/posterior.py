@@ -139,7 +139,7 @@ def _white_noise(moves: Influence, errors: ErrorModel) -> _Noise:
     data = solve.assemble(
         adjusted.problem,
         adjusted.state,
-        replace(adjusted.priors, deviation=free),
+        replace(adjusted.priors, deviation=free, terms=()),
         replace(own, information=squared),
         adjusted.motion.weighted(0.0),
     )
@@ -154,10 +154,7 @@ def _white_noise(moves: Influence, errors: ErrorModel) -> _Noise:
 
 def _prior_gradient(moves: Influence) -> FloatArray:
     """Covariance (p, p) of the gradient under the errors of the priors, which the adjustment tightened on purpose."""
-    adjusted, column = moves.adjusted, moves.column
-    free = column >= 0
-    precision = np.bincount(column[free], adjusted.priors.precision[free] ** 2, moves.n_unknowns)
-    return np.asarray(np.diag(adjusted.inflation * precision), np.float64)
+    return moves.adjusted.inflation * moves.known
 
 
 def _banded_product(band: FloatArray, x: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from skytrace.estimation import noise
 from skytrace.estimation.adjust import banded, normal, solve
+from skytrace.estimation.adjust.camera_priors import Priors
 from skytrace.estimation.adjust.problem import (
     ASPECT,
     CENTRE,
@@ -21,7 +22,6 @@ from skytrace.estimation.adjust.problem import (
     READOUT,
     ROTATION,
     Observations,
-    Priors,
     Problem,
     State,
     Weights,

@@ -137,32 +137,6 @@ class State:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Priors:
-    """Gaussian priors on camera parameters: mean and deviation (c, 16); 0 holds a parameter fixed, inf leaves it free.
-
-    Deviations of rotations are 0 or inf; the mean of `lens` is the calibration.
-    """
-
-    mean: FloatArray
-    deviation: FloatArray
-
-    @property
-    def free(self) -> BoolArray:
-        """Parameters (c, 16) that may move."""
-        return self.deviation > 0
-
-    @property
-    def precision(self) -> FloatArray:
-        """One over the deviations (c, 16) that are neither 0 nor inf, else 0."""
-        with np.errstate(divide="ignore"):
-            return np.where(self.free & np.isfinite(self.deviation), 1 / self.deviation, 0.0)
-
-    def pull(self, state: State) -> FloatArray:
-        """How many deviations (c, 16) the parameters lie from their means."""
-        return np.where(self.precision > 0, (state.parameters() - self.mean) * self.precision, 0.0)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Weights:
     """How much each camera's residuals count."""
 
@@ -180,6 +154,7 @@ class Problem:
     calibration: FloatArray  # (c, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3
     grid: KnotGrid
     reference: int  # camera that fixes the gauge
+    unit_held: bool = True  # keep the spread of the camera centres, which nothing else determines
 
     @property
     def n_cameras(self) -> int:

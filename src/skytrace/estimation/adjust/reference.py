@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skytrace.estimation.adjust.camera_priors import Priors
 from skytrace.estimation.adjust.losses import LOSSES
 from skytrace.estimation.adjust.normal import RIDGE
 from skytrace.estimation.adjust.problem import (
@@ -24,7 +25,6 @@ from skytrace.estimation.adjust.problem import (
     RATE,
     READOUT,
     ROTATION,
-    Priors,
     Problem,
     State,
     Weights,
@@ -149,7 +149,7 @@ def cost(problem: Problem, state: State, priors: Priors, weights: Weights, motio
     s, c2 = _squared_deviations(problem, weights, linearise(problem, state)), weights.loss_scale**2
     value = LOSSES[weights.loss].value(np.where(np.isfinite(s), s, _UNPREDICTED * c2), c2)
     data = 0.5 * float((weights.information[problem.observations.camera] * value).sum())
-    return data + 0.5 * float((priors.pull(state) ** 2).sum()) + motion.cost(state.control)
+    return data + priors.cost(state) + motion.cost(state.control)
 
 
 def _squared_deviations(problem: Problem, weights: Weights, at: Linearisation) -> FloatArray:
@@ -171,10 +171,9 @@ def normal_equations(
     w = np.repeat(w * LOSSES[weights.loss].weight(s, weights.loss_scale**2), 2)
     residual = (at.xy_px - problem.observations.xy_px)[seen].ravel()
     J = _sparse_jacobian(problem, state, at, seen)
-    prior = block_diag([diags_array(priors.precision.ravel() ** 2), motion.weight * _energy(motion)])
-    pull = np.concatenate(
-        [(priors.pull(state) * priors.precision).ravel(), motion.cost_gradient(state.control).ravel()]
-    )
+    known_gradient, known = priors.linearised(state)
+    prior = block_diag([known, motion.weight * _energy(motion)])
+    pull = np.concatenate([known_gradient, motion.cost_gradient(state.control).ravel()])
     H = csr_array(J.T @ diags_array(w) @ J + prior)
     spline = np.arange(len(pull)) >= priors.deviation.size
     ridge = np.where(spline, RIDGE * H.diagonal()[spline].max(), 0.0)
@@ -210,18 +209,20 @@ def damped_step(
 ) -> FloatArray:
     """The Levenberg-Marquardt step (16 c + 3 m,) of all parameters, those held fixed resting.
 
-    (H + damping diag H) step = -g, subject to the unit of length: the spread of the camera centres about the reference
-    does not change to first order. Solved with a Lagrange multiplier.
+    (H + damping diag H) step = -g, where the unit is held subject to this: the spread of the camera centres about the
+    reference does not change to first order. Solved with a Lagrange multiplier.
     """
     H, g = normal_equations(problem, state, priors, weights, motion)
     moving = np.concatenate([priors.free.ravel(), np.ones(3 * len(state.control), bool)])
     outward = np.zeros((problem.n_cameras, N_PARAMETERS))
-    outward[:, CENTRE] = state.centre - state.centre[problem.reference]
+    if problem.unit_held:
+        outward[:, CENTRE] = state.centre - state.centre[problem.reference]
     constraint = np.concatenate([outward.ravel(), np.zeros(3 * len(state.control))])[moving]
     dense = H.toarray()[np.ix_(moving, moving)]
     scale = np.sqrt(np.diag(dense))  # parameters of very different units
     dense = (dense + damping * np.diag(np.diag(dense))) / np.outer(scale, scale)
-    bordered = np.block([[dense, (constraint / scale)[:, None]], [(constraint / scale)[None], np.zeros((1, 1))]])
+    corner = np.full((1, 1), 0.0 if problem.unit_held else 1.0)
+    bordered = np.block([[dense, (constraint / scale)[:, None]], [(constraint / scale)[None], corner]])
     step = np.zeros(len(moving))
     step[moving] = np.linalg.solve(bordered, np.append(-g[moving] / scale, 0.0))[:-1] / scale
     return step

@@ -8,9 +8,10 @@ from typing import Any, Literal
 import numpy as np
 
 from skytrace.estimation.adjust import kernel
+from skytrace.estimation.adjust.camera_priors import Priors
 from skytrace.estimation.adjust.losses import LOSSES
 from skytrace.estimation.adjust.normal import RIDGE, NormalEquations, eliminate, step
-from skytrace.estimation.adjust.problem import CENTRE, N_PARAMETERS, Priors, Problem, State, Weights, columns_of
+from skytrace.estimation.adjust.problem import CENTRE, N_PARAMETERS, Problem, State, Weights, columns_of
 from skytrace.estimation.priors import MotionPrior
 from skytrace.geometry.arrays import FloatArray, IntArray
 
@@ -71,7 +72,7 @@ def predict(problem: Problem, state: State) -> FloatArray:
 def cost(problem: Problem, state: State, priors: Priors, weights: Weights, motion: MotionPrior) -> float:
     """The objective: robust reprojection errors, camera priors and motion prior (half sums of squares)."""
     data = kernel.cost(*_model(problem, state), *_loss(problem, weights))
-    return data + 0.5 * float((priors.pull(state) ** 2).sum()) + motion.cost(state.control)
+    return data + priors.cost(state) + motion.cost(state.control)
 
 
 def assemble(problem: Problem, state: State, priors: Priors, weights: Weights, motion: MotionPrior) -> NormalEquations:
@@ -80,14 +81,13 @@ def assemble(problem: Problem, state: State, priors: Priors, weights: Weights, m
         *_model(problem, state), *_loss(problem, weights)
     )
     column = columns_of(priors.free)
-    blocks[:, np.arange(N_PARAMETERS), np.arange(N_PARAMETERS)] += priors.precision**2
-    gradient += priors.pull(state) * priors.precision
+    known_gradient, known = priors.linearised(state)
     band += motion.weight * motion.band().T
     band[:, 0] += RIDGE * band[:, 0].max()
     spline_gradient += motion.cost_gradient(state.control).ravel()
     return NormalEquations(
-        _joined(blocks, column),
-        _summed(gradient, column),
+        _joined(blocks, column) + by_unknown(known, column),
+        _summed(gradient + known_gradient.reshape(gradient.shape), column),
         coupling.reshape(len(coupling), -1),
         column.ravel(),
         band,
@@ -113,9 +113,18 @@ def _joined(blocks: FloatArray, column: IntArray) -> FloatArray:
     return out
 
 
+def by_unknown(matrix: FloatArray, column: IntArray) -> FloatArray:
+    """The matrix (p, p) of the unknowns from that (16 c, 16 c) of all camera parameters."""
+    own = column.ravel()
+    free = own >= 0
+    out = np.zeros((column.max(initial=-1) + 1,) * 2)
+    np.add.at(out, (own[free, None], own[free]), matrix[np.ix_(free, free)])
+    return out
+
+
 def _scale_direction(problem: Problem, state: State, column: IntArray) -> FloatArray | None:
     """Gradient (p,) of the spread of the camera centres about the reference: the unit of length is held fixed."""
-    if problem.n_cameras < 2:
+    if problem.n_cameras < 2 or not problem.unit_held:
         return None
     direction = np.zeros((problem.n_cameras, N_PARAMETERS))
     direction[:, CENTRE] = state.centre - state.centre[problem.reference]
@@ -143,7 +152,7 @@ def minimise(
         current = cost(problem, state, priors, weights, motion)
     if not np.isfinite(current):
         return Solution(state, current, 0, "not finite")
-    spread, iterations = _spread(problem, state), 0
+    spread, iterations = _spread(problem, state) if problem.unit_held else 0.0, 0
     while iterations < max_iterations:
         equations = assemble(problem, state, priors, weights, motion)
         promised, improved = None, False
