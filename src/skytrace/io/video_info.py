@@ -138,7 +138,9 @@ def stream_duration_s(stream: VideoStream) -> float | None:
     if tag.count(":") != 2:
         return None
     hours, minutes, rest = tag.split(":")
-    return 3600 * int(hours) + 60 * int(minutes) + float(rest)
+    # FFmpeg writes the time of the end there, mkvmerge the time from begin to end.
+    begin_s = 0.0 if stream.start_time is None else max(seconds(stream.start_time, stream), 0.0)
+    return max(3600 * int(hours) + 60 * int(minutes) + float(rest) - begin_s, 0.0)
 
 
 def _why_not_opened(path: Path, error: Exception) -> str:
