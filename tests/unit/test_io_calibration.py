@@ -10,6 +10,8 @@ import pytest
 
 from skytrace.errors import InputError
 from skytrace.io.calibration import read_calibration, split_camera_name
+from skytrace.io.calibration_writer import calibration_text
+from skytrace.model.camera import Intrinsics, LensDeviation
 
 K = [[1506.6612, 0.0, 966.6623], [0.0, 1505.2822, 530.2608], [0.0, 0.0, 1.0]]
 DISTORTION = [-0.0067, 0.0078, 1e-05, -2e-4, 0.03]
@@ -118,8 +120,15 @@ def test_ros_camera_info(tmp_path):
         "distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.0067, 0.0078, 0.00001, -0.0002, 0.03]\n"
     )
     assert_is_the_lens(read_calibration(write(tmp_path, "lens.yaml", text))[0])
-    error = refused(write(tmp_path, "lens.yaml", text.replace("plumb_bob", "equidistant")))
-    assert "fisheye" in error.message
+    fisheye = text.replace("plumb_bob", "equidistant")
+    error = refused(write(tmp_path, "lens.yaml", fisheye))
+    assert "4 coefficients k1 k2 k3 k4 of a fisheye" in error.message
+    assert error.line == 9
+    four = fisheye.replace("cols: 5", "cols: 4").replace(", 0.03]", "]")
+    lens, _ = read_calibration(write(tmp_path, "lens.yaml", four))
+    assert (lens.model, lens.distortion.tolist()) == ("fisheye", DISTORTION[:4])
+    error = refused(write(tmp_path, "lens.yaml", text.replace("plumb_bob", "omnidirectional")))
+    assert "'omnidirectional' is not supported" in error.message
     assert error.line == 4
 
 
@@ -149,7 +158,6 @@ def test_a_name_goes_before_another_cameras_table_key(tmp_path):
     [
         (None, "several cameras; choose one", None),
         ("phone", "no camera named 'phone'", None),
-        ("wide", "fisheye", 17),
     ],
 )
 def test_aniposelib_toml_refused(tmp_path, choice, words, line):
@@ -157,6 +165,11 @@ def test_aniposelib_toml_refused(tmp_path, choice, words, line):
     error = refused(path, choice)
     assert words in error.message
     assert error.line == line
+
+
+def test_aniposelib_toml_with_a_fisheye(tmp_path):
+    lens, _ = read_calibration(write(tmp_path, "rig.toml", TOML), "wide")
+    assert (lens.model, lens.distortion.tolist()) == ("fisheye", [0.0] * 4)
 
 
 def test_aniposelib_toml_names_the_line_in_the_right_table(tmp_path):
@@ -239,7 +252,7 @@ def test_frame_rate_may_be_missing(tmp_path):
         ("lens.yml", YAML.replace("   rows: 3\n", ""), 7, "rows, cols and data"),
         ("lens.yml", YAML.replace("camera_matrix", "lens"), None, "camera_matrix: missing"),
         ("lens.yml", YAML.replace("image_height: 1080\n", ""), None, "image_width and image_height: missing"),
-        ("lens.yml", YAML.replace("flags: 0", "fisheye_model: 1"), 6, "fisheye"),
+        ("lens.yml", YAML.replace("flags: 0", "fisheye_model: 1"), 13, "k1 k2 k3 k4 of a fisheye"),
         ("lens.yml", YAML.replace("flags: 0", "flags: [0"), 7, "not valid YAML"),
         ("lens.yml", YAML.replace("flags: 0", "flags: !!python/object:os.system x"), 6, "not valid YAML"),
         ("lens.yml", "- 1\n- 2\n", None, "YAML mapping"),
@@ -266,3 +279,54 @@ def test_a_hash_in_a_file_name_is_no_choice_of_camera(tmp_path):
     assert split_camera_name(path) == (path, None)
     assert split_camera_name(f"{path}#left") == (path, "left")
     assert_is_the_lens(read_calibration(f"{path}#left")[0])
+
+
+FISHEYE = Intrinsics(
+    [871.8, 890.1],
+    [973.2, 535.0],
+    [-0.034, 0.1, -0.03, 0.002],
+    (1920, 1080),
+    "fisheye",
+    LensDeviation(0.002, 0.0005, np.array([0.6, 0.3]), np.array([0.001, 0.002, 0.003, 0.004])),
+)
+PINHOLE = Intrinsics([1506.0, 1505.0], [966.0, 530.0], DISTORTION, (1920, 1080))
+
+
+@pytest.mark.parametrize("lens", [PINHOLE, FISHEYE])
+@pytest.mark.parametrize("rate_hz", [None, 29.97])
+def test_what_is_written_is_read_back(tmp_path, lens, rate_hz):
+    path = write(tmp_path, "lens.json", calibration_text(lens, rate_hz, {"calibration": {"rms_px": 0.2}}))
+    found, found_rate_hz = read_calibration(path)
+    assert found_rate_hz == rate_hz
+    assert (found.model, found.size_px) == (lens.model, lens.size_px)
+    for name in ("focal_px", "principal_px", "distortion"):
+        assert getattr(found, name).tolist() == getattr(lens, name).tolist()
+    if lens.deviation is None:
+        assert found.deviation is None
+    else:
+        assert (found.deviation.focal, found.deviation.aspect) == (lens.deviation.focal, lens.deviation.aspect)
+        assert found.deviation.principal_px.tolist() == lens.deviation.principal_px.tolist()
+        assert found.deviation.distortion.tolist() == lens.deviation.distortion.tolist()
+
+
+GOOD_DEVIATION = {"focal": 0.01, "aspect": 0.001, "principal_px": [1.0, 2.0], "distortion": [0.1] * 5}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "small",
+        {**GOOD_DEVIATION, "focal": None},
+        {**GOOD_DEVIATION, "focal": -0.01},
+        {**GOOD_DEVIATION, "principal_px": [1.0]},
+        {**GOOD_DEVIATION, "distortion": [0.1] * 4},
+        {**GOOD_DEVIATION, "aspect": "no"},
+    ],
+)
+def test_bad_deviations(tmp_path, wrong):
+    assert read_calibration(mvus(tmp_path, deviation=GOOD_DEVIATION))[0].deviation.focal == 0.01
+    path = mvus(tmp_path, deviation=wrong)
+    error = refused(path)
+    assert "deviation" in error.message
+    assert "focal, aspect, principal_px (2) and distortion (5)" in error.message
+    assert error.line is not None

@@ -21,6 +21,8 @@ LensModel = Literal["pinhole", "fisheye"]
 COEFFICIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"pinhole": ("k1", "k2", "p1", "p2", "k3"), "fisheye": ("k1", "k2", "k3", "k4")}
 )
+# Where k1, k2 and k3 stand among the coefficients.
+RADIAL: Mapping[str, tuple[int, int, int]] = MappingProxyType({"pinhole": (0, 1, 4), "fisheye": (0, 1, 2)})
 # The plane z = 1 has no place for rays at a right angle to the axis, and coordinates near them mean nothing.
 WIDEST_RAD = np.radians(88.0)
 

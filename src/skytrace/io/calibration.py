@@ -1,7 +1,8 @@
-"""Calibration of a camera's lens from the files of the field: mvus JSON, OpenCV YAML, aniposelib TOML."""
+"""Calibration of a camera's lens: read from the files of the field, mvus JSON, OpenCV YAML and aniposelib TOML."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,11 @@ import numpy as np
 
 from skytrace.errors import InputError
 from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.projection import COEFFICIENTS, LensModel
 from skytrace.io import calibration_formats as formats
-from skytrace.io.calibration_formats import Entry, RawCalibration
+from skytrace.io.calibration_formats import Entry, RawCalibration, is_fisheye
 from skytrace.io.text import read_text
-from skytrace.model.camera import Intrinsics
+from skytrace.model.camera import Intrinsics, LensDeviation
 
 _READERS: dict[str, Callable[[Path, str, str | None, str | None], RawCalibration]] = {
     ".json": formats.read_mvus_json,
@@ -24,6 +26,7 @@ _READERS: dict[str, Callable[[Path, str, str | None, str | None], RawCalibration
 _DISTORTION_LENGTHS = (4, 5, 8, 12, 14)  # what OpenCV writes; beyond the fifth: rational, thin-prism and tilt terms
 _FOCAL_IN_WIDTHS = (0.1, 20.0)
 _LARGEST_RATE_HZ = 1e5
+_UNKNOWN_MODELS = re.compile("omni|mei|ucm|unified|double.?sphere", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,7 @@ def read_calibration(path: Path | str, camera_id: str | None = None) -> tuple[In
 
     A TOML file may hold several cameras: `path` ending in `#name` chooses one, else the one named `camera_id`.
     Raises InputError for a lens that is missing, malformed, absurd, or of a model not known here (skew, rational
-    terms, fisheye).
+    terms, omnidirectional).
     """
     file, name = split_camera_name(path)
     reader = _READERS.get(file.suffix.lower())
@@ -73,8 +76,10 @@ def read_calibration(path: Path | str, camera_id: str | None = None) -> tuple[In
     check = _Checker(file)
     size_px = _size(check, raw.size)
     focal_px, principal_px = _pinhole(check, raw.matrix, size_px)
-    distortion = _distortion(check, raw.distortion)
-    return Intrinsics(focal_px, principal_px, distortion, size_px), _frame_rate(check, raw.frame_rate)
+    model = _model(check, raw.model)
+    distortion = _distortion(check, raw.distortion, model)
+    lens = Intrinsics(focal_px, principal_px, distortion, size_px, model, _deviation(check, raw.deviation, model))
+    return lens, _frame_rate(check, raw.frame_rate)
 
 
 def _size(check: _Checker, entry: Entry) -> tuple[int, int]:
@@ -111,7 +116,18 @@ def _pinhole(check: _Checker, entry: Entry, size_px: tuple[int, int]) -> tuple[F
     return focal_px, principal_px
 
 
-def _distortion(check: _Checker, entry: Entry) -> FloatArray:
+def _model(check: _Checker, entry: Entry) -> LensModel:
+    if isinstance(entry.value, str) and _UNKNOWN_MODELS.search(entry.value):
+        raise check.fail(entry, f"{entry.value!r} is not supported; calibrate as pinhole or fisheye (Kannala-Brandt)")
+    return "fisheye" if is_fisheye(entry.value) else "pinhole"
+
+
+def _distortion(check: _Checker, entry: Entry, model: LensModel) -> FloatArray:
+    if model == "fisheye":
+        values = check.numbers(entry, "distortion coefficients k1 k2 k3 k4 of a fisheye").ravel()
+        if len(values) != 4:
+            raise check.fail(entry, f"expected the 4 coefficients k1 k2 k3 k4 of a fisheye, got {len(values)}")
+        return values
     values = check.numbers(entry, "distortion coefficients k1 k2 p1 p2 [k3]").ravel()
     if len(values) not in _DISTORTION_LENGTHS:
         raise check.fail(entry, f"expected 4 or 5 coefficients k1 k2 p1 p2 [k3], got {len(values)}")
@@ -119,6 +135,23 @@ def _distortion(check: _Checker, entry: Entry) -> FloatArray:
         message = "rational, thin-prism and tilt terms are not supported; calibrate with k1 k2 p1 p2 k3 only"
         raise check.fail(entry, message)
     return np.pad(values, (0, 1))[:5]
+
+
+def _deviation(check: _Checker, entry: Entry, model: LensModel) -> LensDeviation | None:
+    """Deviations as `calibration_writer` puts them."""
+    if entry.value is None:
+        return None
+    expected = f"an object with focal, aspect, principal_px (2) and distortion ({len(COEFFICIENTS[model])})"
+    parts = {}
+    for key, n in (("focal", 1), ("aspect", 1), ("principal_px", 2), ("distortion", len(COEFFICIENTS[model]))):
+        value = entry.value.get(key) if isinstance(entry.value, dict) else None
+        values = check.numbers(Entry(value, f"{entry.key} {key}", entry.line), expected).ravel()
+        if len(values) != n or (values < 0).any():
+            raise check.fail(entry, f"{key}: expected {expected}, all from 0, got {value!r:.80}")
+        parts[key] = values
+    return LensDeviation(
+        float(parts["focal"][0]), float(parts["aspect"][0]), parts["principal_px"], parts["distortion"]
+    )
 
 
 def _frame_rate(check: _Checker, entry: Entry) -> float | None:

@@ -13,8 +13,9 @@ from skytrace.errors import InputError
 from skytrace.io.text import line_of
 from skytrace.io.toml import parse_toml
 
-_FISHEYE = "fisheye lenses are not supported; calibrate with the pinhole model and k1 k2 p1 p2 k3"
-_FISHEYE_MODELS = re.compile("fisheye|equidistant|kannala|omni|mei|ucm", re.IGNORECASE)
+_FISHEYE_MODELS = re.compile("fisheye|equidistant|kannala", re.IGNORECASE)
+_FISHEYE_KEYS = ("fisheye_model", "fisheye")
+_MODEL_KEYS = ("distortion_model", "camera_model", "model")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,13 @@ class RawCalibration:
     distortion: Entry
     size: Entry
     frame_rate: Entry
+    model: Entry  # its name in words, or whether it is a fisheye
+    deviation: Entry = Entry(None, "deviation")
+
+
+def is_fisheye(model: Any) -> bool:
+    """Whether the name of a lens model, or a flag, means Kannala and Brandt's."""
+    return bool(_FISHEYE_MODELS.search(model)) if isinstance(model, str) else bool(model)
 
 
 def read_mvus_json(path: Path, text: str, name: str | None, camera_id: str | None) -> RawCalibration:
@@ -49,7 +57,8 @@ def read_mvus_json(path: Path, text: str, name: str | None, camera_id: str | Non
     def entry(key: str) -> Entry:
         return Entry(values.get(key), key, line_of(text, rf'"{re.escape(key)}"\s*:'))
 
-    return RawCalibration(entry("K-matrix"), entry("distCoeff"), entry("resolution"), entry("fps"))
+    keys = ("K-matrix", "distCoeff", "resolution", "fps", "model", "deviation")
+    return RawCalibration(*(entry(key) for key in keys))
 
 
 def read_opencv_yaml(path: Path, text: str, name: str | None, camera_id: str | None) -> RawCalibration:
@@ -64,11 +73,6 @@ def read_opencv_yaml(path: Path, text: str, name: str | None, camera_id: str | N
         line = line_of(text, rf"^\s*[\"']?{re.escape(key)}[\"']?\s*:")
         return Entry(_matrix(path, values[key], key, line), key, line)
 
-    for key in ("fisheye_model", "fisheye", "distortion_model", "camera_model"):
-        value = values.get(key)
-        flagged = bool(value) and key.startswith("fisheye")
-        if flagged or (isinstance(value, str) and _FISHEYE_MODELS.search(value)):
-            raise InputError(path, f"{key}: {_FISHEYE}", line=line_of(text, rf"^\s*{key}\s*:"))
     size = entry(("image_size", "size", "resolution"), "image_width and image_height")
     if "image_width" in values and "image_height" in values:
         line = line_of(text, r"^\s*[\"']?image_width[\"']?\s*:")
@@ -81,6 +85,7 @@ def read_opencv_yaml(path: Path, text: str, name: str | None, camera_id: str | N
         ),
         size=size,
         frame_rate=entry(("fps", "FPS", "frame_rate_hz", "frame_rate"), "fps"),
+        model=entry(_FISHEYE_KEYS, "") if any(map(values.get, _FISHEYE_KEYS)) else entry(_MODEL_KEYS, "model"),
     )
 
 
@@ -92,14 +97,13 @@ def read_aniposelib_toml(path: Path, text: str, name: str | None, camera_id: str
         raise InputError(path, "no camera: expected tables such as [cam_0] with name, size, matrix and distortions")
     key = _chosen_table(path, tables, name, camera_id)
     table = tables[key]
-    if table.get("fisheye"):
-        raise InputError(path, f"camera {key!r}: {_FISHEYE}", line=toml.line(key, 0, "fisheye"))
 
     def entry(field: str, *others: str) -> Entry:
         found = next((f for f in (field, *others) if f in table), field)
         return Entry(table.get(found), f"[{key}] {found}", toml.line(key, 0, found))
 
-    return RawCalibration(entry("matrix"), entry("distortions"), entry("size"), entry("fps", "frame_rate_hz"))
+    rate, model = entry("fps", "frame_rate_hz"), entry("fisheye")
+    return RawCalibration(entry("matrix"), entry("distortions"), entry("size"), rate, model)
 
 
 def _chosen_table(path: Path, tables: Mapping[str, Mapping], name: str | None, camera_id: str | None) -> str:

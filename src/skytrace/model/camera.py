@@ -12,6 +12,23 @@ from skytrace.geometry.projection import COEFFICIENTS, LensModel
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class LensDeviation:
+    """Standard deviations of a calibration."""
+
+    focal: float  # of the focal length, relative
+    aspect: float  # of fy / fx, relative
+    principal_px: FloatArray  # (2,)
+    distortion: FloatArray  # as many as there are coefficients
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "principal_px", frozen_array(self.principal_px, (2,), "principal_px"))
+        object.__setattr__(self, "distortion", frozen_array(self.distortion, (None,), "distortion"))
+        values = np.concatenate([[self.focal, self.aspect], self.principal_px, self.distortion])
+        if not (np.isfinite(values) & (values >= 0)).all():
+            raise ValueError(f"deviations: expected numbers from 0, got {values.tolist()}")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Intrinsics:
     """A camera's lens: "pinhole" with radial and tangential distortion, or "fisheye" (Kannala-Brandt).
 
@@ -23,6 +40,8 @@ class Intrinsics:
     distortion: FloatArray  # (5,) k1 k2 p1 p2 k3, of a fisheye (4,) k1 k2 k3 k4
     size_px: tuple[int, int]  # width, height
     model: LensModel = "pinhole"
+    deviation: LensDeviation | None = None  # where the calibration tells it
+    radial_doubted: bool = False  # a flight contradicts the radial distortion
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "focal_px", frozen_array(self.focal_px, (2,), "focal_px"))
@@ -31,6 +50,10 @@ class Intrinsics:
             raise ValueError(f"model: expected one of {', '.join(COEFFICIENTS)}, got {self.model!r}")
         coefficients = (len(COEFFICIENTS[self.model]),)
         object.__setattr__(self, "distortion", frozen_array(self.distortion, coefficients, "distortion"))
+        if self.deviation is not None and self.deviation.distortion.shape != coefficients:
+            raise ValueError(
+                f"deviation: expected {coefficients[0]} of the distortion, got {self.deviation.distortion}"
+            )
         object.__setattr__(self, "size_px", (int(self.size_px[0]), int(self.size_px[1])))
         if (self.focal_px <= 0).any():
             raise ValueError(f"focal_px: expected positive values, got {self.focal_px.tolist()}")

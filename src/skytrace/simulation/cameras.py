@@ -40,7 +40,8 @@ def draw_cameras(scenario: Scenario, clocks: tuple[Clock, ...], rng: np.random.G
     for i, (centre, clock, lens_rng) in enumerate(zip(centres, clocks, lens_rngs, strict=True)):
         aim = target + lens_rng.normal(0, 0.03 * scenario.extent_m, 3)
         pose = look_at(centre, aim, roll_rad=lens_rng.normal(0, np.radians(2.0)))
-        lens = draw_lens(scenario.resolutions_px[i % len(scenario.resolutions_px)], scenario.distortion, lens_rng)
+        draw = draw_fisheye if i < scenario.fisheye_cameras else draw_lens
+        lens = draw(scenario.resolutions_px[i % len(scenario.resolutions_px)], scenario.distortion, lens_rng)
         calibrated = miscalibrated(lens, scenario, lens_rng)
         cameras.append(TrueCamera(pose, clock, lens, calibrated, nominal_rate_hz(scenario, i)))
     return tuple(cameras)
@@ -95,6 +96,18 @@ def draw_lens(size_px: tuple[int, int], strength: float, rng: np.random.Generato
     while one_to_one_radius(distortion) < 1.3 * corner:
         distortion = 0.7 * distortion
     return Intrinsics(np.array([focal_x, focal_y]), principal, distortion, size_px)
+
+
+def draw_fisheye(size_px: tuple[int, int], strength: float, rng: np.random.Generator) -> Intrinsics:
+    """An action camera's lens: 95 to 115 degrees wide, invertible over its whole image."""
+    width, height = size_px
+    focal_x = width * rng.uniform(0.5, 0.6)
+    focal_y = focal_x / _PIXEL_SQUEEZE.get((width, height), 1.0)
+    principal = np.array([0.5 * (width - 1), 0.5 * (height - 1)]) + 0.008 * rng.normal(size=2) * np.array(size_px)
+    # Their sum keeps the radius growing up to the image's corner and some way beyond.
+    k1, k2, k3, k4 = rng.uniform([-0.05, 0.0, -0.02, 0.0], [0.03, 0.06, 0.0, 0.005])
+    coefficients = strength * np.array([k1, k2, k3, k4])
+    return Intrinsics(np.array([focal_x, focal_y]), principal, coefficients, size_px, "fisheye")
 
 
 def nominal_rate_hz(scenario: Scenario, index: int) -> float:

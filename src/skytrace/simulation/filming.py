@@ -23,7 +23,7 @@ def as_filmed(simulated: SimulatedFlight, ticks_per_s: int) -> SimulatedFlight:
         camera, filmed = simulated.truth.cameras[camera_id], simulated.truth.exposures[camera_id]
         if len(filmed.frame) == 0:
             raise ValueError(f"{camera_id}: expected at least one frame of the flight")
-        first, begin = filmed.frame[0], filmed.beat[0]
+        first, begin = filmed.frame[0], float(filmed.beat[0])
         rate_hz = recording.frame_rate_hz
         beat = np.rint((filmed.beat - begin) / rate_hz * ticks_per_s) / ticks_per_s * rate_hz
         exposures[camera_id] = TrueExposures(filmed.frame - first, beat)

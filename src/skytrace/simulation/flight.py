@@ -111,7 +111,9 @@ def harmonic_motion(
 def spline_motion(guide: Motion, spacing_s: float) -> SplineMotion:
     """The cubic spline with knots at integer multiples of the spacing whose control points lie on the guide."""
     first = int(np.floor(guide.begin_s / spacing_s))
+    first -= first * spacing_s > guide.begin_s  # products round, too
     last = max(int(np.ceil(guide.end_s / spacing_s)), first + 1)
+    last += first * spacing_s + (last - first) * spacing_s < guide.end_s
     control = guide.position(spacing_s * np.arange(first - 1.0, last + 2.0))
     return SplineMotion(Segment(first * spacing_s, spacing_s, control, guide.begin_s, guide.end_s))
 

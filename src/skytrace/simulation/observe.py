@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from skytrace.geometry.arrays import BoolArray, FloatArray
-from skytrace.geometry.projection import one_to_one_radius
 from skytrace.geometry.rigid import Rigid
 from skytrace.model.camera import Clock, Intrinsics
 from skytrace.simulation.flight import Motion
@@ -22,7 +21,7 @@ def in_view(point_in_camera: FloatArray, xy_px: FloatArray, intrinsics: Intrinsi
     z = np.where(inside, point_in_camera[:, 2], 1.0)
     xy_norm = point_in_camera[:, :2] / z[:, None]
     radius = np.hypot(xy_norm[:, 0], xy_norm[:, 1])
-    return inside & (radius < _FOLD_MARGIN * one_to_one_radius(intrinsics.distortion))
+    return inside & (radius < _FOLD_MARGIN * intrinsics.one_to_one_radius)
 
 
 def observe(

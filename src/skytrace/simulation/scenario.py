@@ -20,6 +20,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "knot_spacing_s": (0.01, 10.0),
     "sway_m": (0.0, 5.0),
     "n_cameras": (2, MAX_CAMERAS),
+    "fisheye_cameras": (0, MAX_CAMERAS),
     "camera_distance": (0.3, 10.0),
     "distortion": (0.0, 2.0),
     "focal_error": (0.0, 0.1),
@@ -66,6 +67,7 @@ class Scenario:
     frame_rates_hz: tuple[float, ...] = (29.97, 25.0, 30.0, 59.94, 50.0)
     resolutions_px: tuple[tuple[int, int], ...] = ((1920, 1080), (3840, 2160), (1440, 1080), (1280, 720))
     distortion: float = 1.0  # strength: 0 none, 1 what consumer lenses show
+    fisheye_cameras: int = 0  # the first so many have a fisheye, as action cameras do
     # What the calibrations get wrong, as deviations.
     focal_error: float = 0.005  # of the focal length, relative
     aspect_error: float = 0.0  # of the pixels' height over their width, relative
@@ -160,6 +162,15 @@ presets: dict[str, Scenario] = {
         variable_frame_rate=0.15,
         timestamps=True,
         outlier_fraction=0.05,
+    ),
+    # Two wide action cameras beside two ordinary ones, calibrations off by as much as is common.
+    "action": Scenario(
+        fisheye_cameras=2,
+        focal_error=0.01,
+        radial_error=0.002,
+        readout_spread=0.05,
+        dropout_fraction=0.03,
+        outlier_fraction=0.03,
     ),
     "uneven": Scenario(
         duration_s=120.0,

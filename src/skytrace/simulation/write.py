@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skytrace.io.calibration_writer import calibration_text
 from skytrace.model.track import Recording
 from skytrace.simulation.simulator import SimulatedFlight, Truth
 
@@ -77,20 +78,14 @@ def _flight_toml(simulated: SimulatedFlight, rate_hz: float, name: str, videos: 
         f"rate_hz = {float(rate_hz)!r}",
         'positions = "truth/positions.csv"',
         'synchronisation = "truth/synchronisation.csv"',
+        'orientations = "truth/cameras.json"',
     ]
     return "\n".join(lines) + "\n"
 
 
 def _write_calibration(folder: Path, recording: Recording) -> None:
-    lens = recording.intrinsics
-    (fx, fy), (cx, cy) = lens.focal_px.tolist(), lens.principal_px.tolist()
-    calibration = {
-        "K-matrix": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
-        "distCoeff": lens.distortion.tolist(),
-        "fps": recording.frame_rate_hz,
-        "resolution": list(lens.size_px),
-    }
-    _write_json(folder / f"{recording.camera_id}.json", calibration)
+    text = calibration_text(recording.intrinsics, recording.frame_rate_hz)
+    (folder / f"{recording.camera_id}.json").write_text(text, encoding="utf-8")
 
 
 def _write_detections(folder: Path, recording: Recording) -> None:
@@ -137,6 +132,7 @@ def _cameras(truth: Truth) -> dict[str, object]:
             "focal_px_calibrated": camera.calibrated.focal_px.tolist(),
             "principal_px": camera.intrinsics.principal_px.tolist(),
             "distortion": camera.intrinsics.distortion.tolist(),
+            "model": camera.intrinsics.model,
             "size_px": list(camera.intrinsics.size_px),
         }
     motion = truth.motion

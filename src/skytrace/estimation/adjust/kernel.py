@@ -24,9 +24,11 @@ PREDICTED = 12  # 1 where the state predicts the detection, else 0
 X, Y, INVERSE_DEPTH = 13, 14, 15  # ideal coordinates on the plane z = 1
 IMAGE, RESIDUAL = 16, 18  # pixels from the principal point; predicted less measured
 ROOT_WEIGHT = 20
-N_ROWS = 21
+# From the plane z = 1 to the lens's own: m = SCALE x, dm/dx = SCALE I + BEND x x^T. A pinhole's are 1 and 0.
+SCALE, BEND = 21, 22
+N_ROWS = 23
 # Columns of a camera's constants, `q` below.
-ROTATION, CENTRE, CLOCK, FOCAL, PRINCIPAL, RADIAL, TANGENTIAL, CALIBRATED = 0, 9, 12, 15, 17, 19, 22, 24
+ROTATION, CENTRE, CLOCK, FOCAL, PRINCIPAL, RADIAL, TANGENTIAL, CALIBRATED, FISHEYE = 0, 9, 12, 15, 17, 19, 23, 25, 27
 UNPREDICTED = 100.0  # squared scales that a detection costs where the state does not predict it
 
 # NaN keeps its meaning: no flag assumes that there is none. Only sums over many detections may be reordered.
@@ -36,14 +38,15 @@ _loop = njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp
 
 
 def camera_constants(rotation, centre, clock, lens, calibration):
-    """What the loops need of each camera (c, 26), in the order of the columns above."""
+    """What the loops need of each camera (c, 28), in the order of the columns above."""
     scale = np.exp(lens[:, :1] + np.stack([np.zeros(len(lens)), lens[:, 1]], axis=1))
     calibrated = calibration[:, :2]
-    radial = calibration[:, [4, 5, 8]] + lens[:, 4:]
+    radial = np.hstack([calibration[:, [4, 5, 8]] + lens[:, 4:], calibration[:, 9:10]])
     principal = calibration[:, 2:4] + calibrated * lens[:, 2:4]
     pose = [rotation.reshape(-1, 9), centre]
+    bent = [radial, calibration[:, 6:8]]
     return np.ascontiguousarray(
-        np.hstack([*pose, clock, calibrated * scale, principal, radial, calibration[:, 6:8], calibrated])
+        np.hstack([*pose, clock, calibrated * scale, principal, *bent, calibrated, calibration[:, 10:]])
     )
 
 
@@ -121,7 +124,7 @@ def _locate(table, first, begin, end, tau, row, q, control, control_of_interval,
 def _project(table, q):
     """Pixels from the principal point; points behind the camera are not predicted."""
     fx, fy = q[FOCAL], q[FOCAL + 1]
-    k1, k2, k3, p1, p2 = q[RADIAL], q[RADIAL + 1], q[RADIAL + 2], q[TANGENTIAL], q[TANGENTIAL + 1]
+    k1, k2, k3, k4, p1, p2 = q[RADIAL], q[RADIAL + 1], q[RADIAL + 2], q[RADIAL + 3], q[TANGENTIAL], q[TANGENTIAL + 1]
     for i in range(CHUNK):
         d0 = table[POINT, i] - q[CENTRE]
         d1 = table[POINT + 1, i] - q[CENTRE + 1]
@@ -131,13 +134,31 @@ def _project(table, q):
         pz = q[ROTATION + 6] * d0 + q[ROTATION + 7] * d1 + q[ROTATION + 8] * d2
         seen = (table[PREDICTED, i] > 0) & (pz > 1e-9 * (abs(px) + abs(py)))
         inverse = 1 / (pz if seen else 1.0)
-        x, y = (px if seen else 0.0) * inverse, (py if seen else 0.0) * inverse
+        table[X, i], table[Y, i] = (px if seen else 0.0) * inverse, (py if seen else 0.0) * inverse
+        table[PREDICTED, i], table[INVERSE_DEPTH, i] = 1.0 if seen else 0.0, inverse
+        table[SCALE, i], table[BEND, i] = 1.0, 0.0
+    if q[FISHEYE] > 0:
+        _bend_to_angles(table)
+    for i in range(CHUNK):
+        x, y = table[SCALE, i] * table[X, i], table[SCALE, i] * table[Y, i]
         r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        table[PREDICTED, i] = 1.0 if seen else 0.0
-        table[X, i], table[Y, i], table[INVERSE_DEPTH, i] = x, y, inverse
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
         table[IMAGE, i] = fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x))
         table[IMAGE + 1, i] = fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y)
+
+
+@_part
+def _bend_to_angles(table):
+    """A fisheye's lens plane: the radius is the angle to the axis (Kannala & Brandt 2006)."""
+    for i in range(CHUNK):
+        r2 = table[X, i] * table[X, i] + table[Y, i] * table[Y, i]
+        if r2 < 1e-6:
+            scale, slope = 1 - r2 / 3 + r2 * r2 / 5, -1.0 / 3 + 2 * r2 / 5
+        else:
+            r = np.sqrt(r2)
+            scale = np.arctan(r) / r
+            slope = (1 / (1 + r2) - scale) / (2 * r2)
+        table[SCALE, i], table[BEND, i] = scale, 2 * slope
 
 
 @_part
@@ -164,17 +185,22 @@ def _linearise(table, J, q):
     camera's centre with the other sign.
     """
     fx, fy = q[FOCAL], q[FOCAL + 1]
-    k1, k2, k3, p1, p2 = q[RADIAL], q[RADIAL + 1], q[RADIAL + 2], q[TANGENTIAL], q[TANGENTIAL + 1]
+    k1, k2, k3, k4, p1, p2 = q[RADIAL], q[RADIAL + 1], q[RADIAL + 2], q[RADIAL + 3], q[TANGENTIAL], q[TANGENTIAL + 1]
     for i in range(CHUNK):
         j = CHUNK + i
-        w, x, y = table[ROOT_WEIGHT, i], table[X, i], table[Y, i]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-        across = 2 * x * y * slope + 2 * (p1 * x + p2 * y)
+        w, x, y, scale, bend = table[ROOT_WEIGHT, i], table[X, i], table[Y, i], table[SCALE, i], table[BEND, i]
+        mx, my = scale * x, scale * y
+        r2 = mx * mx + my * my
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+        slope = k1 + r2 * (2 * k2 + r2 * (3 * k3 + 4 * r2 * k4))
+        across = 2 * mx * my * slope + 2 * (p1 * mx + p2 * my)
+        # By the lens plane.
+        xx, xy = w * fx * (radial + 2 * mx * mx * slope + 2 * p1 * my + 6 * p2 * mx), w * fx * across
+        yx, yy = w * fy * across, w * fy * (radial + 2 * my * my * slope + 6 * p1 * my + 2 * p2 * mx)
         # By x, y and z of the point in the camera frame, at depth 1.
-        xx, xy = w * fx * (radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x), w * fx * across
-        yx, yy = w * fy * across, w * fy * (radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x)
+        outward_x, outward_y = bend * (xx * x + xy * y), bend * (yx * x + yy * y)
+        xx, xy = scale * xx + outward_x * x, scale * xy + outward_x * y
+        yx, yy = scale * yx + outward_y * x, scale * yy + outward_y * y
         xz, yz = -(xx * x + xy * y), -(yx * x + yy * y)
         # R <- exp(omega) R moves the point by omega x point.
         J[0, i], J[1, i], J[2, i] = xz * y - xy, xx - xz * x, xy * x - xx * y
@@ -193,9 +219,9 @@ def _linearise(table, J, q):
         J[10, i], J[10, j] = 0.0, w * table[IMAGE + 1, i]
         J[11, i], J[11, j] = w * q[CALIBRATED], 0.0
         J[12, i], J[12, j] = 0.0, w * q[CALIBRATED + 1]
-        bend_x, bend_y = w * fx * x * r2, w * fy * y * r2
-        J[13, i], J[14, i], J[15, i] = bend_x, bend_x * r2, bend_x * r2 * r2
-        J[13, j], J[14, j], J[15, j] = bend_y, bend_y * r2, bend_y * r2 * r2
+        first_x, first_y = w * fx * mx * r2, w * fy * my * r2
+        J[13, i], J[14, i], J[15, i] = first_x, first_x * r2, first_x * r2 * r2
+        J[13, j], J[14, j], J[15, j] = first_y, first_y * r2, first_y * r2 * r2
         J[16, i], J[16, j] = w * table[RESIDUAL, i], w * table[RESIDUAL + 1, i]
         J[17, i], J[17, j] = 0.0, 0.0
 

@@ -12,7 +12,9 @@ import numpy as np
 
 from skytrace.estimation.adjust.losses import LossKind
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
+from skytrace.geometry.projection import six_coefficients
 from skytrace.geometry.rigid import so3_exp
+from skytrace.model.camera import Intrinsics
 from skytrace.solvers import bspline
 
 # Columns of one camera's parameter block. A rotation is updated by R <- exp(omega) R; lens parameters are changes of
@@ -34,6 +36,12 @@ def columns_of(free: BoolArray) -> IntArray:
     The solver asks for no more than this map: parameters given the same unknown move together.
     """
     return np.where(free, np.cumsum(free.ravel()).reshape(free.shape) - 1, -1)
+
+
+def calibration_row(lens: Intrinsics) -> FloatArray:
+    """A camera's calibration (11,): fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, and 1 for a fisheye, else 0."""
+    coefficients = six_coefficients(lens.distortion, lens.model)
+    return np.concatenate([lens.focal_px, lens.principal_px, coefficients, [float(lens.model == "fisheye")]])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -151,7 +159,7 @@ class Problem:
     """Everything that stays fixed while the state moves."""
 
     observations: Observations
-    calibration: FloatArray  # (c, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3
+    calibration: FloatArray  # (c, 11) of each camera as `calibration_row` has it
     grid: KnotGrid
     reference: int  # camera that fixes the gauge
     unit_held: bool = True  # keep the spread of the camera centres, which nothing else determines
