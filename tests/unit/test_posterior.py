@@ -12,10 +12,12 @@ from test_adjust_solve import DEVIATION, coupling_of, dense_of, priors_about
 
 from skytrace.estimation.adjust import reference, solve
 from skytrace.estimation.adjust.driver import Adjusted
+from skytrace.estimation.adjust.held_motion import HeldMotion
 from skytrace.estimation.adjust.losses import LOSSES
 from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS, N_PARAMETERS, Weights
 from skytrace.estimation.error_model import ErrorModel
 from skytrace.estimation.influence import influence
+from skytrace.estimation.known import Known
 from skytrace.estimation.posterior import deviations, knot_weights, posterior
 from skytrace.estimation.priors import motion_prior
 from skytrace.estimation.scene import Scene
@@ -283,6 +285,49 @@ def test_the_choice_of_the_reference_does_not_enter(rng, free_clocks, tolerance)
     size = np.abs(found[1].centre_covariance).max()
     np.testing.assert_allclose(found[0].centre_covariance, found[1].centre_covariance, atol=tolerance * size)
     assert (centre_deviation(found[0]) > 0).all()
+
+
+def held_softly(adjusted, undetermined, centre_sigma):
+    """The same adjustment with no camera's pose held, centres known so well, and the rest of the frame held softly."""
+    a = adjusted
+    deviation = np.array(a.priors.deviation)
+    deviation[:, :6] = np.inf
+    deviation[:, CENTRE] = centre_sigma
+    known = Known(undetermined=undetermined, unit_known=undetermined.shape[1] == 0)
+    terms = (HeldMotion.at(a.state, undetermined),) if undetermined.shape[1] else ()
+    mean = np.array(a.priors.mean)
+    mean[:, CENTRE] = a.state.centre
+    problem = replace(a.problem, unit_held=not known.unit_known)
+    return replace(
+        a, problem=problem, priors=replace(a.priors, mean=mean, deviation=deviation, terms=terms), known=known
+    )
+
+
+def test_a_frame_of_which_nothing_is_known_is_a_gauge_like_the_reference_camera(adjusted, errors):
+    """Whichever way it is held, deviations are the same."""
+    free = replace(adjusted, motion=adjusted.motion.weighted(0.0))
+    soft = held_softly(free, np.eye(6), np.inf)
+    one, other = (deviations(influence(a), errors, np.zeros(3), np.ones(N_KNOTS, bool)) for a in (free, soft))
+    np.testing.assert_allclose(other.knot_sigma, one.knot_sigma, rtol=1e-3)
+    np.testing.assert_allclose(other.shape_sigma, one.shape_sigma, rtol=1e-3)
+    np.testing.assert_allclose(other.lens, one.lens, rtol=1e-4)
+    size = np.abs(one.centre_covariance).max()
+    np.testing.assert_allclose(other.centre_covariance, one.centre_covariance, atol=1e-3 * size)
+
+
+def test_known_centres_are_at_most_as_uncertain_as_they_were_given(adjusted, errors):
+    """Given badly they leave the flight's shape as it is, and its place as uncertain as they are."""
+    inflated = replace(adjusted, inflation=1.0)
+    plain = deviations(influence(inflated), errors, np.zeros(3), np.ones(N_KNOTS, bool))
+    for sigma in (0.01, 100.0):
+        found = deviations(
+            influence(held_softly(inflated, np.zeros((6, 0)), sigma)), errors, np.zeros(3), np.ones(N_KNOTS, bool)
+        )
+        assert centre_deviation(found).max() <= 1.01 * sigma
+        assert (found.knot_sigma >= 0.9 * found.shape_sigma).all()
+        if sigma == 100.0:
+            np.testing.assert_allclose(found.shape_sigma, plain.shape_sigma, rtol=0.05)
+            assert np.median(found.knot_sigma) > 20
 
 
 def test_wild_knots_do_not_spoil_the_alignment(rng):

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from skytrace.estimation.adjust.camera_priors import CameraTerm
 from skytrace.estimation.adjust.driver import Adjusted, adjust
 from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
 from skytrace.estimation.correspond import ImagePath, image_path
+from skytrace.estimation.known import Known
 from skytrace.estimation.scene import CameraState, Scene
 from skytrace.estimation.structure import StructureSettings, fit_structure, triangulate_scene
 from skytrace.model.track import Recording
@@ -30,11 +32,14 @@ def finish(
     settings: FinishSettings,
     *,
     retriangulate: bool,
+    terms: tuple[CameraTerm, ...] = (),
+    known: Known | None = None,
 ) -> Adjusted:
     """Adjust all parameters that `freedom` allows and the number of cameras supports.
 
     With `retriangulate` the trajectory is first built anew from the refined lenses and clocks, which reaches where the
-    calibrated ones did not agree.
+    calibrated ones did not agree. `known` is what is known of the cameras, by default what the scene was adjusted to
+    already.
     """
     # The gauge is the first camera listed, so that results do not depend on how the growth went.
     scene = replace(adjusted.scene, reference=next(c for c in recordings if c in adjusted.scene.cameras))
@@ -52,6 +57,8 @@ def finish(
         iterations=settings.iterations,
         last_iterations=settings.last_iterations,
         previous=adjusted,
+        terms=terms,
+        known=adjusted.known if known is None else known,
     )
 
 

@@ -10,7 +10,8 @@ does not; and positions feel them once, not added up over time.
 H is eliminated as for a step, so nothing dense but the cameras' system is inverted: a position varies given the cameras
 (banded) and with the cameras (through the coupling). Positions are free up to a similarity and to the clock that tells
 their times, so deviations are those that remain after the best alignment of the whole trajectory in space and time: the
-choice of the reference camera does not enter.
+choice of the reference camera does not enter. Where a frame is known (`estimation.known`), positions are free only up
+to those motions that are not.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from skytrace.estimation.adjust.driver import Adjusted
 from skytrace.estimation.adjust.problem import CENTRE, CLOCK, LENS
 from skytrace.estimation.error_model import ErrorModel, error_model
 from skytrace.estimation.influence import Influence, influence
+from skytrace.estimation.known import Known
 from skytrace.estimation.slow_errors import gradient_and_positions
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray
 from skytrace.geometry.rigid import hat
@@ -42,6 +44,7 @@ class Posterior:
     clock_offset: FloatArray  # (c,) of the offset at camera time 0 (s)
     lens: FloatArray  # (c, 7)
     errors: ErrorModel  # what the detections' errors were taken to be
+    shape_sigma: FloatArray  # (knots,) as `knot_sigma`, of the flight's shape whatever frame is known
 
 
 def knot_weights(run_lengths: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
@@ -92,25 +95,44 @@ def deviations(
     velocity = (state.control[first + 2] - state.control[first]) / (2 * moves.adjusted.problem.grid.spacing_s)
     similarity = _similarities(_at_knots(state.control, first, weights))
     alignments = np.concatenate([similarity, np.stack([velocity, velocity * knots_s[:, None]], axis=2)], axis=2)
+    free = _free_motions(moves.adjusted.known)
 
     centres = moves.unknown_rows[:, CENTRE]  # (c, 3, p)
     variance = (local + _quadratic(response, covariance)).sum(axis=1)
     known = supported & (variance <= _WILD * np.median(variance[supported])) if supported.any() else supported
-    aligned = _least_squares(alignments[known], response[known])  # (9, p)
-    response = response - alignments @ aligned
-    centres = centres - _similarities(state.centre) @ aligned[:7]
 
-    # An error that moves a position moves the cameras too, so that they take up part of it.
-    both = 2 * ((response @ moves.response) * together).sum(axis=-1)
+    def sigma(response: FloatArray) -> FloatArray:
+        # An error that moves a position moves the cameras too, so that they take up part of it.
+        both = 2 * ((response @ moves.response) * together).sum(axis=-1)
+        return np.sqrt(np.maximum((local + both + _quadratic(response, covariance)).sum(axis=1), 0))
+
+    aligned = _least_squares(alignments[known], response[known])  # (9, p)
+    knot_sigma = shape_sigma = sigma(response - alignments @ aligned)
+    if free is None:
+        centres = centres - _similarities(state.centre) @ aligned[:7]
+    else:
+        alignments = np.concatenate([similarity @ free, alignments[:, :, 7:]], axis=2)
+        aligned = _least_squares(alignments[known], response[known])
+        knot_sigma = sigma(response - alignments @ aligned)
+        centres = centres - _similarities(state.centre) @ free @ aligned[: free.shape[1]]
     lens = moves.unknown_rows[:, LENS]
     return Posterior(
-        np.sqrt(np.maximum((local + both + _quadratic(response, covariance)).sum(axis=1), 0)),
+        knot_sigma,
         centres @ covariance @ centres.transpose(0, 2, 1),
         np.sqrt(np.maximum(_quadratic(clocks, covariance), 0)),
         np.sqrt(np.maximum(_quadratic(clocks[:, 0] - mean_camera_time_s[:, None] * clocks[:, 1], covariance), 0)),
         np.sqrt(np.maximum(_quadratic(lens, covariance), 0)),
         errors,
+        shape_sigma,
     )
+
+
+def _free_motions(known: Known | None) -> FloatArray | None:
+    """The similarities (7, q) of a scene that lies in a known frame which leave what is known as it is."""
+    if known is None or known.undetermined is None:
+        return None
+    rigid = np.vstack([known.undetermined, np.zeros((1, known.undetermined.shape[1]))])
+    return rigid if known.unit_known else np.hstack([rigid, np.eye(7)[:, 6:]])
 
 
 def _clocks_told_by(moves: Influence, reference: int) -> FloatArray:

@@ -12,9 +12,11 @@ import numpy as np
 from skytrace.geometry.arrays import BoolArray, FloatArray, IntArray, frozen_array
 from skytrace.geometry.rigid import Rigid
 from skytrace.model.camera import Clock, Intrinsics
+from skytrace.model.georeference import Georeference
 from skytrace.model.trajectory import Trajectory
 
 Gauge = Literal["arbitrary", "metric"]
+Frame = Literal["camera", "level", "given", "enu"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -87,16 +89,33 @@ class CameraEstimate:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reconstruction:
-    """Everything recovered. A camera that was not registered is absent from `cameras` and named in `unregistered`."""
+    """Everything recovered. A camera that was not registered is absent from `cameras` and named in `unregistered`.
+
+    The world's `frame` is the reference camera's ("camera"); the same with z up and y where it looks ("level"); that of
+    given positions ("given"); or metres east, north and up of an origin on the earth ("enu", see `georeference`).
+    """
 
     reference: str
     cameras: Mapping[str, CameraEstimate]
     trajectory: Trajectory
     gauge: Gauge = "arbitrary"
     unregistered: Mapping[str, str] = field(default_factory=dict)  # camera id -> reason
+    frame: Frame = "camera"
+    georeference: Georeference | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", MappingProxyType(dict(self.cameras)))
         object.__setattr__(self, "unregistered", MappingProxyType(dict(self.unregistered)))
         if self.reference not in self.cameras:
             raise ValueError(f"reference: {self.reference!r} is not a registered camera")
+
+    @property
+    def frame_in_words(self) -> str:
+        """Axes and origin of the world."""
+        if self.georeference is not None and self.frame == "enu":
+            return f"{self.georeference.in_words}"
+        if self.frame in ("given", "enu"):
+            return "that of the given positions"
+        if self.frame == "level":
+            return f"z up, y where camera {self.reference} looks, its centre the origin"
+        return f"that of camera {self.reference}: x to its right, y down, z forward, its centre the origin"

@@ -9,15 +9,14 @@ import numpy as np
 
 from skytrace.estimation import noise
 from skytrace.estimation.adjust import banded, normal, solve
-from skytrace.estimation.adjust.camera_priors import Priors
+from skytrace.estimation.adjust.camera_priors import CameraTerm, Priors
 from skytrace.estimation.adjust.problem import (
     ASPECT,
     CENTRE,
     FOCAL,
+    LENS,
     N_PARAMETERS,
     OFFSET,
-    PRINCIPAL,
-    RADIAL,
     RATE,
     READOUT,
     ROTATION,
@@ -25,9 +24,19 @@ from skytrace.estimation.adjust.problem import (
     Problem,
     State,
     Weights,
+    calibration_row,
 )
 from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
-from skytrace.estimation.priors import MotionPrior, automatic_weight, balanced, energy_trace, motion_prior
+from skytrace.estimation.known import Known
+from skytrace.estimation.lens_priors import lens_prior
+from skytrace.estimation.priors import (
+    MotionPrior,
+    automatic_weight,
+    balanced,
+    energy_trace,
+    given_weight,
+    motion_prior,
+)
 from skytrace.estimation.scene import CameraState, Scene
 from skytrace.geometry.arrays import FloatArray, IntArray
 from skytrace.geometry.rigid import Rigid, nearest_rotation
@@ -51,6 +60,7 @@ class Adjusted:
     cost: float
     iterations: int
     ending: solve.Ending  # of the last round
+    known: Known | None = None  # what it was told of the cameras
 
     @property
     def converged(self) -> bool:
@@ -67,14 +77,21 @@ def adjust(
     iterations: int,
     last_iterations: int | None = None,
     previous: Adjusted | None = None,
+    terms: tuple[CameraTerm, ...] = (),
+    known: Known | None = None,
 ) -> Adjusted:
     """Alternate the minimisation with the estimation of noise, of its correlation, and of the motion prior's weight.
 
     Each round takes at most `iterations`, the last one `last_iterations`. A `previous` adjustment of the same cameras
-    lends its noise and prior weight to the first round; otherwise they come from the scene as it is.
+    lends its noise and prior weight to the first round; otherwise they come from the scene as it is. `terms` are what
+    is known of the cameras beside their priors, in the order of the scene's cameras; `known`, where the flight tells
+    it, replaces their own priors, and where the scene lies in its frame, the gauge of the reference camera.
     """
     camera_ids = tuple(scene.cameras)
     problem, state, frames = build(scene, recordings, camera_ids)
+    if known is not None:
+        problem = replace(problem, unit_held=not (known.placed and known.unit_known))
+        terms = (*terms, *known.terms(state, camera_ids))
     motion = motion_prior(settings.motion_prior, problem.grid.spacing_s, problem.grid.runs, 1.0)
     motion = replace(motion, extent=_seen_by_two(problem, state))
     if previous is not None and previous.camera_ids == camera_ids:
@@ -82,13 +99,17 @@ def adjust(
     else:
         weights, common = estimate_weights(problem, state, frames, recordings, camera_ids, settings)
         first = motion.rank / max(motion.energy(state.control), 1e-300)
+    if settings.motion_prior_weight is not None:
+        first = given_weight(motion, state.control, settings.motion_prior_weight)
     if motion.automatic:
         motion = balanced(motion, state.control, first)
-    priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
+    priors = make_priors(problem, recordings, camera_ids, settings, freedom, common, terms, known)
+    if known is not None:
+        state = known.started(state, priors.mean, priors.deviation)
     total = 0
     solution = solve.Solution(state, np.inf, 0, "iterations")
     for k in range(rounds):
-        priors = make_priors(problem, recordings, camera_ids, settings, freedom, common)
+        priors = make_priors(problem, recordings, camera_ids, settings, freedom, common, terms, known)
         most = last_iterations if last_iterations is not None and k == rounds - 1 else iterations
         solution = solve.minimise(
             problem, state, priors, weights, motion, max_iterations=most, tolerance=settings.tolerance
@@ -96,7 +117,7 @@ def adjust(
         state, total = solution.state, total + solution.iterations
         if k < rounds - 1:
             weights, common = estimate_weights(problem, state, frames, recordings, camera_ids, settings)
-            motion = reweighted(problem, state, priors, weights, motion)
+            motion = reweighted(problem, state, priors, weights, motion, settings.motion_prior_weight)
     return Adjusted(
         to_scene(scene, problem, state, recordings, camera_ids),
         camera_ids,
@@ -111,6 +132,7 @@ def adjust(
         solution.cost,
         total,
         solution.ending,
+        known,
     )
 
 
@@ -131,8 +153,7 @@ def build(
         row.append(pixels[:, 1] / recording.intrinsics.height_px)
         xy.append(pixels)
         frames.append(np.concatenate([track.frame for track in recording.tracks]))
-        lens = recording.intrinsics
-        calibration.append(np.concatenate([lens.focal_px, lens.principal_px, lens.distortion]))
+        calibration.append(calibration_row(recording.intrinsics))
         clock.append([known.offset_s + known.rate * mean, known.rate, known.readout_s])
     observations = Observations(np.concatenate(camera), np.concatenate(tau), np.concatenate(row), np.concatenate(xy))
     poses = [scene.cameras[c].camera_from_world for c in camera_ids]
@@ -177,6 +198,8 @@ def make_priors(
     settings: AdjustSettings,
     freedom: Freedom,
     inflation: float,
+    terms: tuple[CameraTerm, ...] = (),
+    known: Known | None = None,
 ) -> Priors:
     """Priors in units of the white-noise objective.
 
@@ -192,14 +215,19 @@ def make_priors(
         deviation[:, OFFSET], deviation[:, RATE] = np.inf, settings.rate_sigma
     if freedom.rolling_shutter:
         deviation[:, READOUT] = settings.readout_sigma * period
+    own = [lens_prior(recordings[c].intrinsics, settings) for c in camera_ids]
+    mean[:, LENS], lenses = np.stack([m for m, _ in own]), np.stack([d for _, d in own])
     if freedom.focal:
-        deviation[:, FOCAL] = settings.focal_sigma
+        deviation[:, FOCAL] = lenses[:, 0]
     if freedom.lens:
-        deviation[:, ASPECT] = settings.aspect_sigma
-        deviation[:, PRINCIPAL] = settings.principal_sigma
-        deviation[:, RADIAL] = settings.radial_sigma
-    deviation[problem.reference, :8] = 0.0  # the gauge: pose and clock of the reference camera
-    return Priors(mean, deviation / np.sqrt(inflation))
+        deviation[:, ASPECT : LENS.stop] = lenses[:, 1:]
+    if known is not None:
+        known.enter(mean, deviation, camera_ids, freedom.rolling_shutter)
+    # The gauge: clock and pose of the reference camera, the pose only where nothing tells the frame.
+    deviation[problem.reference, OFFSET : RATE + 1] = 0.0
+    if known is None or not known.placed:
+        deviation[problem.reference, : CENTRE.stop] = 0.0
+    return Priors(mean, deviation / np.sqrt(inflation), tuple(term.tightened(inflation) for term in terms))
 
 
 def estimate_weights(
@@ -266,10 +294,19 @@ def _absorbed(problem: Problem, state: State) -> float:
     return float((2 * c).sum() / (2 * c - 3).sum()) if len(c) else 1.0
 
 
-def reweighted(problem: Problem, state: State, priors: Priors, weights: Weights, motion: MotionPrior) -> MotionPrior:
-    """The motion prior with its automatic weight at a state."""
+def reweighted(
+    problem: Problem,
+    state: State,
+    priors: Priors,
+    weights: Weights,
+    motion: MotionPrior,
+    given: float | None = None,
+) -> MotionPrior:
+    """The motion prior with its automatic weight at a state, or with the relative one that is given."""
     if not motion.automatic:
         return motion
+    if given is not None:
+        return balanced(motion, state.control, given_weight(motion, state.control, given))
     equations = solve.assemble(problem, state, priors, weights, motion)
     factor = normal.eliminate(equations, 0.0)
     trace = energy_trace(motion, banded.inverse_band(factor.band).T)

@@ -30,8 +30,9 @@ from skytrace.estimation.adjust.problem import (
     Weights,
 )
 from skytrace.estimation.priors import MotionPrior
+from skytrace.geometry import projection
 from skytrace.geometry.arrays import FloatArray, IntArray
-from skytrace.geometry.projection import distort, distort_jacobian
+from skytrace.geometry.projection import LensModel, distort, distort_by_coefficients, distort_jacobian
 from skytrace.geometry.rigid import hat
 from skytrace.solvers import bspline
 
@@ -59,7 +60,7 @@ def linearise(problem: Problem, state: State) -> Linearisation:
     by_point = np.full((n, 2, 3), np.nan)
     for c in range(problem.n_cameras):
         view = _look(problem, state, c)
-        xy[view.own] = view.image + _lens(problem, state, c)[1]
+        xy[view.own] = view.image + _lens(problem, state, c).principal_px
         by_camera[view.own], by_point[view.own] = _by_camera(problem, state, c, view), view.by_point
     first, u = problem.grid.locate(exposure_s(problem, state, np.arange(n)))
     return Linearisation(xy, by_camera, by_point, first, bspline.basis(u))
@@ -104,22 +105,23 @@ def _look(problem: Problem, state: State, c: int) -> _View:
     with np.errstate(invalid="ignore"):
         seen = in_camera[:, 2] > 1e-9 * np.abs(in_camera[:, :2]).sum(axis=1)
     own, in_camera = own[seen], in_camera[seen]
-    focal, _, distortion = _lens(problem, state, c)
+    lens = _lens(problem, state, c)
     x, y, z = in_camera.T
     ideal = in_camera[:, :2] / z[:, None]
-    by_ideal = focal[:, None] * distort_jacobian(ideal, distortion)
+    by_ideal = lens.focal_px[:, None] * distort_jacobian(ideal, lens.distortion, lens.model)
     one, nought = np.ones_like(z), np.zeros_like(z)
     ideal_by_point = np.array([[one, nought, -x / z], [nought, one, -y / z]]) / z
     by_point_in_camera = by_ideal @ np.moveaxis(ideal_by_point, -1, 0)
     by_point = by_point_in_camera @ state.rotation[c]
     speed = problem.grid.evaluate(state.control, time_s[seen], 1)
     velocity = (by_point @ speed[:, :, None])[:, :, 0]
-    return _View(own, in_camera, focal * distort(ideal, distortion), by_point_in_camera, by_point, velocity)
+    image = lens.focal_px * distort(ideal, lens.distortion, lens.model)
+    return _View(own, in_camera, image, by_point_in_camera, by_point, velocity)
 
 
 def _by_camera(problem: Problem, state: State, c: int, view: _View) -> FloatArray:
     """Derivatives (k, 2, 16) of camera c's projections by its parameters."""
-    focal, _, _ = _lens(problem, state, c)
+    lens = _lens(problem, state, c)
     J = np.zeros((len(view.own), 2, N_PARAMETERS))
     J[:, :, ROTATION] = -view.by_point_in_camera @ hat(view.in_camera)  # exp(omega) p = p + omega x p
     J[:, :, CENTRE] = -view.by_point
@@ -130,18 +132,29 @@ def _by_camera(problem: Problem, state: State, c: int, view: _View) -> FloatArra
     J[:, 1, ASPECT] = view.image[:, 1]
     J[:, :, PRINCIPAL] = np.diag(problem.calibration[c, :2])
     ideal = view.in_camera[:, :2] / view.in_camera[:, 2:]
-    r2 = (ideal**2).sum(axis=1)
-    J[:, :, RADIAL] = (focal * ideal)[:, :, None] * np.stack([r2, r2**2, r2**3], axis=1)[:, None]
+    by_radial = distort_by_coefficients(ideal, lens.model)[:, :, projection.RADIAL[lens.model]]
+    J[:, :, RADIAL] = lens.focal_px[:, None] * by_radial
     return J
 
 
-def _lens(problem: Problem, state: State, c: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Focal lengths (2,), principal point (2,) and distortion (5,) of camera c as refined."""
+@dataclass(frozen=True, eq=False, slots=True)
+class _Lens:
+    """A camera's lens as refined."""
+
+    focal_px: FloatArray  # (2,)
+    principal_px: FloatArray  # (2,)
+    distortion: FloatArray  # (5 or 4,)
+    model: LensModel
+
+
+def _lens(problem: Problem, state: State, c: int) -> _Lens:
     calibrated, change = problem.calibration[c], state.lens[c]
     focal = calibrated[:2] * np.exp([change[0], change[0] + change[1]])
     principal = calibrated[2:4] + calibrated[:2] * change[2:4]
-    k1, k2, k3 = change[4:]
-    return focal, principal, calibrated[4:] + np.array([k1, k2, 0.0, 0.0, k3])
+    model: LensModel = "fisheye" if calibrated[10] else "pinhole"
+    distortion = calibrated[4:9].copy() if model == "pinhole" else calibrated[[4, 5, 8, 9]]
+    distortion[list(projection.RADIAL[model])] += change[4:]
+    return _Lens(focal, principal, distortion, model)
 
 
 def cost(problem: Problem, state: State, priors: Priors, weights: Weights, motion: MotionPrior) -> float:
@@ -217,6 +230,7 @@ def damped_step(
     outward = np.zeros((problem.n_cameras, N_PARAMETERS))
     if problem.unit_held:
         outward[:, CENTRE] = state.centre - state.centre[problem.reference]
+        outward[problem.reference] = -outward.sum(axis=0)
     constraint = np.concatenate([outward.ravel(), np.zeros(3 * len(state.control))])[moving]
     dense = H.toarray()[np.ix_(moving, moving)]
     scale = np.sqrt(np.diag(dense))  # parameters of very different units

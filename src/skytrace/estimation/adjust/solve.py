@@ -128,6 +128,7 @@ def _scale_direction(problem: Problem, state: State, column: IntArray) -> FloatA
         return None
     direction = np.zeros((problem.n_cameras, N_PARAMETERS))
     direction[:, CENTRE] = state.centre - state.centre[problem.reference]
+    direction[problem.reference] = -direction.sum(axis=0)  # where it is free
     direction = _summed(direction, column)
     norm = np.linalg.norm(direction)
     return direction / norm if norm > 0 else None
