@@ -19,7 +19,16 @@ def cover(times, sigma=None, grid=GRID, **changes):
     control = np.random.default_rng(1).normal(size=(grid.n_control, 3))
     if sigma is None:
         sigma = np.full(len(grid.knots_s()), 0.1)
-    return covered_trajectory(grid, control, sigma, times, CoverageSettings(**changes)), control
+    return covered_trajectory(grid, control, sigma, times, CoverageSettings(**changes))[0], control
+
+
+def cuts(times, seen=None, sigma=None, **changes):
+    control = np.random.default_rng(1).normal(size=(GRID.n_control, 3))
+    if sigma is None:
+        sigma = np.full(len(GRID.knots_s()), 0.1)
+    settings = CoverageSettings(**changes)
+    trajectory, found = covered_trajectory(GRID, control, sigma, times, settings, seen_s=seen)
+    return trajectory.covered_s, found
 
 
 def spans(trajectory):
@@ -111,3 +120,42 @@ def test_deviations_go_with_their_knots():
 @pytest.mark.parametrize("times", [[], [dense(2, 10)], [dense(2, 10), np.zeros(0)], [dense(2, 5), dense(7, 10)]])
 def test_without_two_cameras_at_a_time_nothing_is_claimed(times):
     assert cover(times)[0].segments == ()
+
+
+def test_what_is_not_claimed_is_counted_by_reason():
+    """Seen by one camera to 4 s; from 12 s by two of which one disagrees; nobody looks from 13 to 15 s."""
+    agreeing = [dense(2, 12), dense(4, 12)]
+    seen = [dense(2, 13), dense(4, 13)]
+    covered_s, found = cuts([*agreeing, dense(15, 17)], [*seen, dense(15, 17)])
+    assert covered_s == pytest.approx(12.2 - 3.75, abs=0.06)
+    assert found.cut_s["too_few_cameras"] == pytest.approx(2 + 2.5, abs=0.16)
+    assert found.cut_s["cameras_disagree"] == pytest.approx(1.0, abs=0.11)
+    assert found.cut_s["too_uncertain"] == found.cut_s["too_short"] == 0
+    assert found.seen_s == pytest.approx(covered_s + sum(found.cut_s.values()), abs=0.06)
+
+
+def test_cameras_that_never_meet_disagree():
+    """Both see the target from 14 to 16 s, where there is no spline at all."""
+    times = [np.r_[dense(2, 10), dense(14, 16)]] * 2
+    _, found = cuts(times)
+    assert found.cut_s["cameras_disagree"] == pytest.approx(2.5, abs=0.11)
+
+
+def test_uncertain_and_short_stretches_are_told_apart():
+    knots = GRID.knots_s()
+    sigma = np.full(len(knots), 0.1)
+    sigma[(knots > 7.9) & (knots < 9.1)] = 10.0
+    both = np.r_[dense(2, 12), dense(22, 22.3)]
+    covered_s, found = cuts([both, both], sigma=sigma)
+    assert found.cut_s["too_uncertain"] == pytest.approx(1.4, abs=0.11)
+    assert found.cut_s["too_short"] == pytest.approx(0.8, abs=0.11)
+    _, lenient = cuts([both, both], sigma=sigma, max_sigma_ratio=200, min_segment_s=0.1)
+    assert sum(lenient.cut_s.values()) == 0
+    assert covered_s < lenient.seen_s
+
+
+def test_asking_for_more_cameras_cuts_more():
+    times = [dense(2, 10), dense(4, 12), dense(5, 9)]
+    two, three = cuts(times)[1], cuts(times, min_cameras=3)[1]
+    assert three.cut_s["too_few_cameras"] == pytest.approx(two.cut_s["too_few_cameras"] + 2, abs=0.11)
+    assert three.seen_s == two.seen_s

@@ -11,7 +11,7 @@ from scipy.linalg import cholesky_banded, solveh_banded
 
 from skytrace.estimation.adjust.banded import inverse_band
 from skytrace.estimation.adjust.problem import KnotGrid
-from skytrace.estimation.priors import automatic_weight, balanced, energy_trace, motion_prior
+from skytrace.estimation.priors import automatic_weight, balanced, energy_trace, given_weight, motion_prior
 
 RUNS = ((-3, 4), (9, 11), (20, 21))
 SPACING_S = 0.3
@@ -179,3 +179,19 @@ def test_a_balanced_prior_does_not_pull_on_the_flights_size(rng):
         middle = prior.extent @ control / prior.extent.sum()
         along = float((known.cost_gradient(control) * (control - middle)).sum())
         assert along / (0.02 * prior.energy(control)) == pytest.approx(relative, abs=1e-9)
+
+
+@kinds
+@pytest.mark.parametrize("extent", [0.0, 1.0])
+def test_a_given_weight_does_not_depend_on_the_unit_of_length(kind, extent, rng):
+    prior = motion_prior(kind, SPACING_S, RUNS, 1.0)
+    control = rng.normal(size=(len(prior.extent), 3))
+    prior = dataclasses.replace(prior, extent=np.full(len(control), extent))
+    for unit in (1.0, 1e-3, 250.0):
+        weighted = prior.weighted(given_weight(prior, unit * control, 7.0))
+        assert weighted.relative_weight(unit * control) == pytest.approx(7.0, rel=1e-12)
+        # The cost of the shape is that of the flight in units of its own size.
+        size = np.sqrt(((control - control.mean(axis=0)) ** 2).sum(axis=1).mean())
+        assert weighted.weight * weighted.energy(unit * control) == pytest.approx(
+            7.0 * prior.energy(control / size), rel=1e-9
+        )

@@ -1,9 +1,10 @@
-"""Where the trajectory may be claimed: supported by two cameras that agree with it, and known well enough."""
+"""Where the trajectory may be claimed: supported by cameras that agree with it, and known well enough."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,6 +21,26 @@ class CoverageSettings:
     inlier_sigmas: float = 5.0
     max_sigma_ratio: float = 5.0  # of the posterior deviation to its median: beyond, a stretch is not claimed
     step_s: float = 0.05
+
+
+# Why a time is not claimed, in the order in which reasons are looked for.
+CLAIMED, TOO_FEW, DISAGREE, UNCERTAIN, SHORT = range(5)
+CUT_REASONS: Mapping[int, str] = MappingProxyType(
+    {
+        TOO_FEW: "too_few_cameras",
+        DISAGREE: "cameras_disagree",
+        UNCERTAIN: "too_uncertain",
+        SHORT: "too_short",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Cuts:
+    """For how long the target was seen by any camera, and for how much of that nothing is claimed, by CUT_REASONS."""
+
+    seen_s: float
+    cut_s: Mapping[str, float]
 
 
 def inliers(residual_px: FloatArray, sigma_px: float, sigmas: float) -> BoolArray:
@@ -39,31 +60,84 @@ def covered_trajectory(
     grid: KnotGrid,
     control: FloatArray,
     knot_sigma: FloatArray,
-    camera_times_s: Sequence[FloatArray],
+    agreeing_s: Sequence[FloatArray],
     settings: CoverageSettings,
-) -> Trajectory:
-    """The spline cut to covered segments.
+    shape_sigma: FloatArray | None = None,
+    seen_s: Sequence[FloatArray] | None = None,
+) -> tuple[Trajectory, Cuts]:
+    """The spline cut to covered segments, and why the rest is not claimed.
 
-    `knot_sigma` (knots,) are posterior deviations at the knots of each run, `camera_times_s` the ascending times of
-    each camera's agreeing detections.
+    `knot_sigma` (knots,) are posterior deviations at the knots of each run, `agreeing_s` the ascending times of each
+    camera's agreeing detections, `seen_s` those of all its detections (by default the same). Deviations that tell what
+    is claimed are `shape_sigma` (knots,) where given: how well the place of the whole is known does not tell good
+    stretches from bad ones.
     """
-    pieces = list(_runs(grid, control, knot_sigma))
-    limit = settings.max_sigma_ratio * _median_sigma(pieces, grid.spacing_s, camera_times_s, settings)
-    segments = []
-    for start_s, run_control, sigma in pieces:
-        end_s = start_s + grid.spacing_s * (len(run_control) - 3)
-        time = np.arange(np.ceil(start_s / settings.step_s), np.floor(end_s / settings.step_s) + 1) * settings.step_s
-        time = time[(time >= start_s) & (time < end_s)]
+    seen_s = agreeing_s if seen_s is None else seen_s
+    pieces = list(_runs(grid, control, knot_sigma if shape_sigma is None else shape_sigma))
+    limit = settings.max_sigma_ratio * _median_sigma(pieces, grid.spacing_s, agreeing_s, settings)
+    segments, spans = [], []
+    inside = np.zeros(len(CUT_REASONS) + 1)
+    for (start_s, run_control, sigma), (_, _, claim) in zip(pieces, _runs(grid, control, knot_sigma), strict=True):
+        time = _steps(start_s, start_s + grid.spacing_s * (len(run_control) - 3), settings.step_s)
         deviation = np.interp(time, start_s + grid.spacing_s * np.arange(len(sigma)), sigma)
-        good = (support(time, camera_times_s, settings.window_s) >= settings.min_cameras) & (deviation <= limit)
-        edges = np.flatnonzero(np.diff(np.r_[False, good, False].astype(int)))
+        verdict = _verdicts(time, agreeing_s, seen_s, settings)
+        verdict[(verdict == CLAIMED) & (deviation > limit)] = UNCERTAIN
+        edges = np.flatnonzero(np.diff(np.r_[False, verdict == CLAIMED, False].astype(int)))
         for a, b in zip(edges[::2], edges[1::2] - 1, strict=True):
             if time[b] - time[a] >= settings.min_segment_s:
-                segments.append(_cut(start_s, grid.spacing_s, run_control, sigma, float(time[a]), float(time[b])))
-    return Trajectory(tuple(segments))
+                segments.append(_cut(start_s, grid.spacing_s, run_control, claim, float(time[a]), float(time[b])))
+            else:
+                verdict[a : b + 1] = SHORT
+        seen = support(time, seen_s, settings.window_s) > 0
+        inside += np.bincount(verdict[seen], minlength=len(inside))
+        if len(time):
+            spans.append((time[0], time[-1]))
+    total = inside + _beyond(spans, agreeing_s, seen_s, settings)
+    cut_s = {name: settings.step_s * float(total[reason]) for reason, name in CUT_REASONS.items()}
+    return Trajectory(tuple(segments)), Cuts(settings.step_s * float(total.sum()), MappingProxyType(cut_s))
 
 
-def _runs(grid: KnotGrid, control: FloatArray, knot_sigma: FloatArray):
+def _verdicts(
+    time_s: FloatArray, agreeing_s: Sequence[FloatArray], seen_s: Sequence[FloatArray], settings: CoverageSettings
+) -> IntArray:
+    """Whether enough cameras see the target and agree at times (n,): CLAIMED, DISAGREE or TOO_FEW."""
+    seen, agreeing = (
+        support(time_s, times, settings.window_s) >= settings.min_cameras for times in (seen_s, agreeing_s)
+    )
+    return np.where(agreeing, CLAIMED, np.where(seen, DISAGREE, TOO_FEW))
+
+
+def _beyond(
+    spans: Sequence[tuple[float, float]],
+    agreeing_s: Sequence[FloatArray],
+    seen_s: Sequence[FloatArray],
+    settings: CoverageSettings,
+) -> FloatArray:
+    """Steps by verdict at which the target was seen where there is no spline, which enough cameras alone can build."""
+    everything = [times for times in seen_s if len(times)]
+    if not everything:
+        return np.zeros(len(CUT_REASONS) + 1)
+    window_s = settings.window_s
+    time = _steps(min(t[0] for t in everything) - window_s, max(t[-1] for t in everything) + window_s, settings.step_s)
+    half_s = 0.5 * settings.step_s
+    for begin_s, end_s in spans:
+        time = time[(time < begin_s - half_s) | (time > end_s + half_s)]
+    time = time[support(time, seen_s, window_s) > 0]
+    verdict = _verdicts(time, agreeing_s, seen_s, settings)
+    # Cameras that see the target there did not meet anywhere.
+    verdict[verdict == CLAIMED] = DISAGREE
+    return np.bincount(verdict, minlength=len(CUT_REASONS) + 1).astype(np.float64)
+
+
+def _steps(begin_s: float, end_s: float, step_s: float) -> FloatArray:
+    """Multiples of a step from `begin_s` to before `end_s`."""
+    time = np.arange(np.ceil(begin_s / step_s), np.floor(end_s / step_s) + 1) * step_s
+    return np.asarray(time[(time >= begin_s) & (time < end_s)], np.float64)
+
+
+def _runs(
+    grid: KnotGrid, control: FloatArray, knot_sigma: FloatArray
+) -> Iterator[tuple[float, FloatArray, FloatArray]]:
     """(start time, control points, knot deviations) of each run of the grid."""
     c = k = 0
     for a, b in grid.runs:
@@ -73,13 +147,16 @@ def _runs(grid: KnotGrid, control: FloatArray, knot_sigma: FloatArray):
 
 
 def _median_sigma(
-    pieces: list, spacing_s: float, camera_times_s: Sequence[FloatArray], settings: CoverageSettings
+    pieces: Sequence[tuple[float, FloatArray, FloatArray]],
+    spacing_s: float,
+    agreeing_s: Sequence[FloatArray],
+    settings: CoverageSettings,
 ) -> float:
     """Median deviation over the knots that enough cameras support."""
     values = []
     for start_s, _, sigma in pieces:
-        knots = start_s + spacing_s * np.arange(len(sigma))
-        values.append(sigma[support(knots, camera_times_s, settings.window_s) >= settings.min_cameras])
+        knots = np.asarray(start_s + spacing_s * np.arange(len(sigma)), np.float64)
+        values.append(sigma[support(knots, agreeing_s, settings.window_s) >= settings.min_cameras])
     everything = np.concatenate(values) if values else np.zeros(0)
     return float(np.median(everything)) if len(everything) else np.inf
 

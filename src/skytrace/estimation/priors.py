@@ -1,7 +1,8 @@
 """Motion priors on the trajectory: the integral of a squared derivative of the spline.
 
 Li et al. 2020, eq. 10-11 regularise by least kinetic energy (velocity) and least force (acceleration); least jerk,
-the third derivative, leaves constant acceleration free. The weight follows from the data (see `automatic_weight`).
+the third derivative, leaves constant acceleration free. The weight follows from the data (see `automatic_weight`) or is
+given, relative to the size of the flight (see `MotionPrior.relative_weight`).
 """
 
 from __future__ import annotations
@@ -84,6 +85,19 @@ class MotionPrior:
         outward = self.extent[:, None] * self._centred(control)
         return shape - self.determined / self._squared_extent(control) * outward
 
+    def relative_weight(self, control: FloatArray) -> float:
+        """The weight in s^(2 k - 1), with lengths counted in root mean square distances of the flight from its centre.
+
+        In this unit it does not depend on the world's: lambda in lambda * integral |d^k (X / size) / dt^k|^2 dt, beside
+        the squares of residuals in deviations.
+        """
+        return self.weight * self._squared_size(control)
+
+    def _squared_size(self, control: FloatArray) -> float:
+        if not self.extent.any():
+            return float(((control - control.mean(axis=0)) ** 2).sum(axis=1).mean())
+        return self._squared_extent(control) / float(self.extent.sum())
+
     def _centred(self, control: FloatArray) -> FloatArray:
         return control - self.extent @ control / self.extent.sum()
 
@@ -113,6 +127,11 @@ def balanced(prior: MotionPrior, control: FloatArray, weight: float) -> MotionPr
     """The prior with a weight, and with no pull on the size of the flight of these control points."""
     size = prior._squared_extent(control) if prior.extent.any() else 1.0
     return replace(prior, weight=weight, determined=weight * prior.energy(control), size=size)
+
+
+def given_weight(prior: MotionPrior, control: FloatArray, relative: float) -> float:
+    """The weight in the unit of control points (m, 3) whose `relative_weight` is the one given."""
+    return relative / max(prior._squared_size(control), 1e-300)
 
 
 def automatic_weight(prior: MotionPrior, control: FloatArray, trace: float) -> float:

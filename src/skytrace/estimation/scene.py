@@ -10,6 +10,7 @@ import numpy as np
 
 from skytrace.estimation.adjust.problem import KnotGrid
 from skytrace.geometry.arrays import FloatArray, frozen_array
+from skytrace.geometry.projection import RADIAL
 from skytrace.geometry.rigid import Rigid
 from skytrace.model.camera import Clock, Intrinsics
 from skytrace.model.track import Recording
@@ -40,13 +41,14 @@ class CameraState:
 
     def intrinsics(self, calibrated: Intrinsics) -> Intrinsics:
         """The calibration with this camera's refinement applied."""
-        focal, aspect, principal_x, principal_y, k1, k2, k3 = self.lens
-        scale = np.exp([focal, focal + aspect])
-        return Intrinsics(
-            calibrated.focal_px * scale,
-            calibrated.principal_px + calibrated.focal_px * [principal_x, principal_y],
-            calibrated.distortion + np.array([k1, k2, 0.0, 0.0, k3]),
-            calibrated.size_px,
+        focal, aspect, principal_x, principal_y = self.lens[:4]
+        distortion = np.array(calibrated.distortion)
+        distortion[list(RADIAL[calibrated.model])] += self.lens[4:]
+        return replace(
+            calibrated,
+            focal_px=calibrated.focal_px * np.exp([focal, focal + aspect]),
+            principal_px=calibrated.principal_px + calibrated.focal_px * [principal_x, principal_y],
+            distortion=distortion,
         )
 
 
