@@ -20,6 +20,7 @@ from skytrace.errors import InputError
 
 MANIFEST = "manifest.json"
 RUN_FORMAT = "skytrace run 1"
+FLIGHTS_FORMAT = "skytrace flights 1"  # a folder with one run a flight
 
 _OLD = "-old"
 _AT_FDCWD = -100
@@ -60,6 +61,37 @@ def atomic_folder(destination: Path | str, *, replace_run: bool = True) -> Itera
         _remove(partial)
 
 
+@contextmanager
+def atomic_file(destination: Path | str) -> Iterator[Path]:
+    """A path of the same suffix to write at, which becomes `destination` when the block ends without an exception.
+
+    Otherwise nothing is left but what was there before. Raises InputError where the destination cannot be written.
+    """
+    destination = Path(os.path.realpath(destination))
+    check_file(destination)
+    partial = destination.with_name(f".{destination.stem}.partial-{os.getpid()}{destination.suffix}")
+    try:
+        destination.parent.mkdir(parents=True, exist_ok=True)
+        yield partial
+        _flush_entry(partial)
+        os.replace(partial, destination)
+        _flush_entry(destination.parent)
+    except OSError as error:
+        if error.errno in _DISK_ERRORS:
+            raise InputError(destination, f"cannot be written: {error.strerror}") from None
+        raise
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def check_file(destination: Path | str) -> None:
+    """Raise InputError, before any work is done, where `atomic_file` could not write."""
+    destination = Path(os.path.realpath(destination))
+    _check_parent(destination)
+    if destination.is_dir():
+        raise InputError(destination, "expected a file to write, got a folder")
+
+
 def _remove(folder: Path) -> None:
     """Remove a folder to the end, also where Ctrl-C arrives while it is removed."""
     try:
@@ -71,21 +103,27 @@ def _remove(folder: Path) -> None:
 
 def is_run_folder(path: Path) -> bool:
     """Whether a folder holds the manifest of a finished run; other programs' manifest.json do not count."""
+    return _format(path) == RUN_FORMAT
+
+
+def is_flights_folder(path: Path) -> bool:
+    """Whether a folder holds the runs of flights that were reconstructed together."""
+    return _format(path) == FLIGHTS_FORMAT
+
+
+def _format(path: Path) -> str | None:
+    """The format that a folder's manifest states."""
     try:
         manifest = json.loads((path / MANIFEST).read_text("utf-8"))
     except (OSError, ValueError):
-        return False
-    return isinstance(manifest, dict) and manifest.get("format") == RUN_FORMAT
+        return None
+    return manifest.get("format") if isinstance(manifest, dict) else None
 
 
 def check_replaceable(destination: Path | str, replace_run: bool = True) -> None:
     """Raise InputError, before any work is done, where `atomic_folder` would refuse this destination."""
     destination = Path(os.path.realpath(destination))
-    parent = next(p for p in (*destination.parents, Path()) if os.path.lexists(p))
-    if not parent.is_dir():
-        raise InputError(destination, f"cannot be written: {parent} is a file, not a folder")
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise InputError(destination, f"cannot be written: no permission to write in {parent}")
+    _check_parent(destination)
     if not os.path.lexists(destination):
         return
     if not destination.is_dir():
@@ -94,9 +132,17 @@ def check_replaceable(destination: Path | str, replace_run: bool = True) -> None
         return
     if not replace_run:
         raise InputError(destination, "exists and is not empty; choose another destination or remove it")
-    if not is_run_folder(destination):
+    if not (is_run_folder(destination) or is_flights_folder(destination)):
         message = "exists and is not an earlier skytrace run, so it is not replaced; choose another destination"
         raise InputError(destination, message)
+
+
+def _check_parent(destination: Path) -> None:
+    parent = next(p for p in (*destination.parents, Path()) if os.path.lexists(p))
+    if not parent.is_dir():
+        raise InputError(destination, f"cannot be written: {parent} is a file, not a folder")
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise InputError(destination, f"cannot be written: no permission to write in {parent}")
 
 
 def _partial_path(destination: Path, pid: int, suffix: str = "") -> Path:

@@ -62,6 +62,12 @@ class RawDetections:
         return np.column_stack([self.x, self.y])
 
 
+def no_detections(path: Path) -> RawDetections:
+    """What a camera has that never saw the target, or whose video was not looked at."""
+    nothing = np.zeros(0)
+    return RawDetections(path, np.zeros(0, np.int64), nothing, nothing, None, None, np.zeros(0, np.int64))
+
+
 def parse_columns(columns: str) -> tuple[str, ...]:
     """The columns a declaration such as "x y frame" names, `_` for one to skip.
 

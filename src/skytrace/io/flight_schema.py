@@ -21,6 +21,7 @@ class CameraKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
     id: str
     calibration: str
+    device: str | None = None
     detections: str | None = None
     video: str | None = None
     detections_columns: str | None = None
@@ -30,7 +31,11 @@ class CameraKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     offset_sigma_s: float | None = None
     position_m: Vector3 | None = None
     position_wgs84: Vector3 | None = None
+    position_sigma_m: float | Vector3 | None = None
+    up_in_camera: Vector3 | None = None
+    up_sigma_deg: float | None = None
     readout_s: float | None = None
+    readout_sigma_s: float | None = None
     start_time: datetime | None = None
 
 
@@ -41,6 +46,14 @@ class MomentKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     sigma_s: float | None = None
 
 
+class DistanceKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """One `[[known_distance]]`."""
+
+    cameras: list[str]
+    metres: float
+    sigma_m: float | None = None
+
+
 class TruthKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """`[truth]`."""
 
@@ -48,6 +61,7 @@ class TruthKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     rate_hz: float | None = None
     positions: str | None = None
     synchronisation: str | None = None
+    orientations: str | None = None
 
 
 class FlightKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -56,6 +70,8 @@ class FlightKeys(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     name: str | None = None
     camera: list[CameraKeys] = []
     simultaneous: list[MomentKeys] = []
+    known_distance: list[DistanceKeys] = []
+    vertical_datum: str | None = None
     truth: TruthKeys | None = None
 
 
@@ -63,6 +79,7 @@ _TABLES: dict[str, type[msgspec.Struct]] = {
     "": FlightKeys,
     "camera": CameraKeys,
     "simultaneous": MomentKeys,
+    "known_distance": DistanceKeys,
     "truth": TruthKeys,
 }
 _DATE_AND_TIME = "a date and time such as 2024-05-03T10:15:00Z"
@@ -93,7 +110,9 @@ def _explained(toml: TomlFile, text: str) -> InputError:
     """msgspec's message about `$.camera[1].offset_s` in the words and with the line of the file."""
     match = re.fullmatch(r"(?P<what>.*?)(?: - at `\$\.?(?P<place>.*)`)?", text)
     what, place = (match["what"], match["place"] or "") if match else (text, "")
-    parts = re.fullmatch(r"(?P<table>camera|simultaneous|truth)(?:\[(?P<index>\d+)\])?(?:\.(?P<key>\w+))?.*", place)
+    parts = re.fullmatch(
+        r"(?P<table>camera|simultaneous|known_distance|truth)(?:\[(?P<index>\d+)\])?(?:\.(?P<key>\w+))?.*", place
+    )
     if parts is None:
         table, index, key = "", 0, re.sub(r"\W.*", "", place)
     else:
@@ -101,13 +120,15 @@ def _explained(toml: TomlFile, text: str) -> InputError:
     if table == "camera" and parts is not None and parts["index"] is None:
         line = toml.line("camera", 0) or toml.line("", 0, "camera")
         return InputError(toml.path, "expected one [[camera]] table (double brackets) for each camera", line=line)
-    if table == "simultaneous" and parts is not None and parts["index"] is None:
+    each = {"simultaneous": "moment", "known_distance": "distance"}
+    if table in each and parts is not None and parts["index"] is None:
         line = toml.line(table, 0) or toml.line("", 0, table)
-        return InputError(toml.path, "expected [[simultaneous]] tables (double brackets), one a moment", line=line)
+        return InputError(toml.path, f"expected [[{table}]] tables (double brackets), one a {each[table]}", line=line)
     where = {
         "": "",
         "camera": f"camera {index + 1}: ",
         "simultaneous": f"[[simultaneous]] {index + 1}: ",
+        "known_distance": f"[[known_distance]] {index + 1}: ",
         "truth": "[truth]: ",
     }[table]
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):

@@ -14,7 +14,7 @@ import numpy as np
 
 from skytrace.errors import InputError
 from skytrace.geometry.arrays import FloatArray, IntArray, frozen_array
-from skytrace.io.atomic import MANIFEST, RUN_FORMAT, atomic_folder, is_run_folder
+from skytrace.io.atomic import MANIFEST, RUN_FORMAT, atomic_folder, is_flights_folder, is_run_folder
 from skytrace.io.table import read_table
 from skytrace.io.text import read_text
 from skytrace.model.reconstruction import CameraEstimate, Gauge, Reconstruction
@@ -44,6 +44,7 @@ class RunFolder:
     cameras: Mapping[str, Mapping[str, Any]]  # as in cameras.json
     summary: Mapping[str, Any]
     manifest: Mapping[str, Any]
+    frame: str = "camera"  # of the world, as `Reconstruction.frame`
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time_s", frozen_array(self.time_s, (None,), "time_s"))
@@ -62,11 +63,13 @@ def write_run(
     config_toml: str,
     manifest: Mapping[str, Any],
     report_html: str | None = None,
+    more: Mapping[str, str] | None = None,
 ) -> None:
     """Write a RUN folder, whole or not at all; an earlier run at the destination is replaced.
 
-    Values in `summary` and `manifest` may be numpy's; numbers that are not finite become null. Raises InputError
-    when the destination is something other than an earlier run or an empty folder.
+    `more` are further texts by file name. Values in `summary` and `manifest` may be numpy's; numbers that are not
+    finite become null. Raises InputError when the destination is something other than an earlier run or an empty
+    folder.
     """
     with atomic_folder(destination) as folder:
         _write(folder / TRAJECTORY, trajectory_csv(reconstruction))
@@ -75,6 +78,8 @@ def write_run(
         _write(folder / CONFIG, config_toml)
         if report_html is not None:
             _write(folder / REPORT, report_html)
+        for name, text in (more or {}).items():
+            _write(folder / name, text)
         _write(folder / MANIFEST, json_text({**manifest, "format": RUN_FORMAT}) + "\n")
 
 
@@ -100,11 +105,13 @@ def supporting_cameras(reconstruction: Reconstruction, time_s: FloatArray) -> In
 def trajectory_csv(reconstruction: Reconstruction) -> str:
     """The text of trajectory.csv: sampled at SAMPLE_RATE_HZ inside the covered segments, their ends included."""
     metric = reconstruction.gauge == "metric"
-    unit = "metre" if metric else "arbitrary (scale, orientation and origin are not determined)"
+    plain = not metric and reconstruction.frame == "camera"
+    open_ = "scale, orientation and origin are not determined" if plain else "scale is not determined"
+    unit = "metre" if metric else f"arbitrary ({open_})"
     lines = [
         f"# gauge: {reconstruction.gauge}\n",
         f"# unit of length: {unit}\n",
-        f"# frame: right-handed world, {'as the given positions' if metric else 'chosen by the reconstruction'}\n",
+        f"# frame: right-handed world, {'chosen by the reconstruction' if plain else reconstruction.frame_in_words}\n",
         f"# time_s: seconds on the clock of camera {reconstruction.reference}\n",
         "# sigma: posterior standard deviation of the position, all three axes together\n",
         f"# n_cameras: cameras with an agreeing detection within {SUPPORT_S} s\n",
@@ -135,9 +142,11 @@ def cameras_table(reconstruction: Reconstruction) -> dict[str, Any]:
     cameras: dict[str, Any] = {id_: _camera(camera) for id_, camera in reconstruction.cameras.items()}
     for id_, reason in reconstruction.unregistered.items():
         cameras[id_] = {"registered": False, "reason": reason}
+    plain = reconstruction.gauge == "arbitrary" and reconstruction.frame == "camera"
     return {
         "reference": reconstruction.reference,
         "gauge": reconstruction.gauge,
+        **({} if plain else {"frame": reconstruction.frame}),
         "cameras": {id_: cameras[id_] for id_ in sorted(cameras)},
     }
 
@@ -160,6 +169,7 @@ def _camera(camera: CameraEstimate) -> dict[str, Any]:
         "focal_px_refined": camera.refined.focal_px,
         "principal_px": camera.refined.principal_px,
         "distortion": camera.refined.distortion,
+        "lens_model": camera.refined.model,
         "size_px": camera.refined.size_px,
         "reprojection_median_px": camera.residuals.median_px,
         "sigma_px": camera.sigma_px,
@@ -173,6 +183,9 @@ def read_run(path: Path | str) -> RunFolder:
     path = Path(path)
     if not path.is_dir():
         raise InputError(path, "no such run: expected a folder written by skytrace reconstruct")
+    if is_flights_folder(path):
+        runs = ", ".join(str(run) for run in sorted(path.iterdir()) if is_run_folder(run))
+        raise InputError(path, f"holds the runs of several flights: give one of them, {runs}")
     if not is_run_folder(path):
         raise InputError(path, f"not a finished run: expected a {MANIFEST} of the format {RUN_FORMAT!r}")
     cameras = _read_json(path / CAMERAS)
@@ -193,6 +206,7 @@ def read_run(path: Path | str) -> RunFolder:
         cameras=table,
         summary=_read_json(path / SUMMARY),
         manifest=_read_json(path / MANIFEST),
+        frame=cameras.get("frame", "camera"),
     )
 
 

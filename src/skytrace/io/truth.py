@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,6 +49,19 @@ def read_truth_trajectory(path: Path | str) -> TruthTrajectory:
             message = f"expected time_s to rise from row to row, got {time_s[row]:.9g}"
             raise InputError(path, message, line=int(table.line[row]))
     return TruthTrajectory(values[:, :3], time_s)
+
+
+def true_path(path: Path, rate_hz: float | None) -> tuple[FloatArray, float]:
+    """True positions (n, 3) and how many there are a second; a truth's own time stamps count more than a rate."""
+    truth = read_truth_trajectory(path)
+    if truth.time_s is not None:
+        try:
+            return evenly_sampled(truth)
+        except ValueError as error:
+            raise InputError(path, str(error)) from error
+    if rate_hz is None:
+        raise InputError(path, "the truth's rate is not known: give --rate HZ, or a column time_s")
+    return truth.position_m, rate_hz
 
 
 def evenly_sampled(truth: TruthTrajectory) -> tuple[FloatArray, float]:
@@ -115,6 +129,28 @@ def read_true_synchronisation(path: Path | str) -> dict[str, tuple[float, float]
     if not any(np.allclose(clock, (1.0, 0.0), rtol=0.0, atol=1e-9) for clock in clocks.values()):
         raise InputError(path, "no reference camera: expected one row with slope 1 and intercept 0")
     return clocks
+
+
+def read_true_orientations(path: Path | str) -> dict[str, FloatArray]:
+    """Rotations camera_from_world (3, 3) by camera id, from JSON as in a run's cameras.json.
+
+    The object `cameras` holds `rotation_camera_from_world` of each camera; what else it holds is passed over.
+    """
+    path = Path(path)
+    text = read_text(path, "camera orientations")
+    try:
+        cameras = json.loads(text)["cameras"]
+        known = {c: np.array(row["rotation_camera_from_world"], float) for c, row in cameras.items()}
+    except json.JSONDecodeError as error:
+        raise InputError(path, f"not valid JSON: {error.msg}", line=error.lineno) from None
+    except (KeyError, TypeError, ValueError, AttributeError):
+        message = "expected an object cameras with rotation_camera_from_world, 3 by 3 numbers, of each camera"
+        raise InputError(path, message) from None
+    for camera, rotation in known.items():
+        right_handed = rotation.shape == (3, 3) and np.linalg.det(rotation) > 0
+        if not (right_handed and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)):
+            raise InputError(path, f"camera {camera!r}: rotation_camera_from_world is not a rotation of 3 by 3 numbers")
+    return known
 
 
 def _read_by_camera(path: Path, columns: tuple[str, ...], what: str) -> list[tuple[str, FloatArray]]:
