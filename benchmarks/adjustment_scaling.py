@@ -36,6 +36,7 @@ from skytrace.estimation.adjust.problem import (
     Problem,
     State,
     Weights,
+    calibration_row,
 )
 from skytrace.estimation.adjust.settings import AdjustSettings, Freedom
 from skytrace.estimation.posterior import knot_weights, posterior
@@ -126,7 +127,7 @@ def _detected(
     index = np.repeat(np.arange(len(cameras)), [len(f) for f in frames])
     tau, row = np.concatenate(frames), np.full(len(index), 0.5)
     lenses = [c.calibrated for c in cameras]
-    calibration = np.stack([np.concatenate([c.focal_px, c.principal_px, c.distortion]) for c in lenses])
+    calibration = np.stack([calibration_row(lens) for lens in lenses])
     problem = Problem(Observations(index, tau, row, np.zeros((len(index), 2))), calibration, grid, 0)
     xy = solve.predict(problem, truth)
     for _ in range(4):  # the row that is exposed when the target is on it

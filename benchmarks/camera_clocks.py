@@ -20,7 +20,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from skytrace.cli.evaluate import true_path
 from skytrace.cli.reconstruct import reconstruct_flight
 from skytrace.datasets import write_dataset
 from skytrace.estimation.clean import CleanSettings
@@ -31,7 +30,7 @@ from skytrace.geometry.projection import distort
 from skytrace.geometry.rigid import so3_exp
 from skytrace.io.flight import read_flight
 from skytrace.io.run_folder import RunFolder, read_run
-from skytrace.io.truth import read_true_synchronisation
+from skytrace.io.truth import read_true_synchronisation, true_path
 from skytrace.model.track import Recording
 from skytrace.pipeline.config import Config
 from skytrace.pipeline.prepare import prepare_flight

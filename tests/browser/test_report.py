@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from report_scene import make_reconstruction, make_summary
 
-from skytrace.report import render_report
+from skytrace.evaluation.path import SampledPath
+from skytrace.evaluation.summary import evaluate
+from skytrace.report import add_truth, render_report
 
 pytestmark = pytest.mark.skipif(chromium.EXECUTABLE is None, reason="no Chromium is installed")
 
@@ -26,13 +28,12 @@ def report(tmp_path_factory) -> Path:
         gap_s=12.0,  # the segments are 0 to 8 s and 20 to 28 s
         unregistered={"cam3": "no overlap"},
     )
-    truth = reconstruction.trajectory.position(np.linspace(0, 40, 100))
+    truth = 3 * reconstruction.trajectory.position(np.arange(0, 40, 0.2)) + 0.01 * np.sin(np.arange(200))[:, None]
+    evaluation = evaluate(SampledPath.from_trajectory(reconstruction.trajectory), truth=truth, rate_hz=5.0)
     extras = {"versions": {"skytrace": "1"}, "settings": {"seed": 0}}
     file = tmp_path_factory.mktemp("report") / "report.html"
-    file.write_text(
-        render_report(reconstruction, make_summary(reconstruction), name="A flight", truth_in_world=truth, **extras),
-        encoding="utf-8",
-    )
+    page = render_report(reconstruction, make_summary(reconstruction), name="A flight", **extras)
+    file.write_text(add_truth(page, evaluation, truth, 5.0), encoding="utf-8")
     return file
 
 
@@ -60,12 +61,12 @@ def opened(browser, report, **emulation):
 
 
 def test_draws_every_figure_without_errors_or_requests(browser, report):
-    for element in ("scene", "timeline", "errors-time", "errors-histogram", "errors-image"):
+    for element in ("scene", "timeline", "truth-error", "errors-time", "errors-histogram", "errors-image"):
         assert browser.evaluate(f"document.getElementById('{element}').data.length") >= 2
         assert browser.evaluate(f"document.getElementById('{element}').querySelector('svg.main-svg') !== null")
-    assert browser.evaluate("document.getElementById('colour').options.length") == 4
+    assert browser.evaluate("document.getElementById('colour').options.length") == 5
     # Four chosen buttons a figure: those that plotly adds by itself include one that uploads the figure.
-    assert browser.evaluate("document.querySelectorAll('.modebar-btn').length") == 5 * 4
+    assert browser.evaluate("document.querySelectorAll('.modebar-btn').length") == 10 * 4
     assert browser.complaints() == []
     assert browser.requests() == [report.as_uri()]
 
@@ -121,6 +122,42 @@ def test_selections_redraw_and_keep_the_point_of_view(browser):
     choose(browser, "camera", "1")
     browser.wait_until(f"document.getElementById('errors-time').data[0].y[0] !== {before}")
     assert browser.complaints() == []
+
+
+def test_the_slider_moves_the_target_in_the_image_and_in_the_errors(browser):
+    choose(browser, "camera", "0")
+    ring = "document.getElementById('errors-image').data.find((trace) => trace.meta === 'now')"
+    browser.wait_until(ring)
+    browser.evaluate("document.getElementById('moment').focus()")
+    browser.press(*HOME)
+    browser.wait_until("document.getElementById('truth-error').layout.shapes[0].x0 === 0")
+    before = "skytrace.report.cameras[0].projected.x[0]"
+    browser.wait_until(f"{ring}.x[0] === {before}")
+    browser.press(*RIGHT)
+    browser.press(*RIGHT)
+    browser.press(*RIGHT)
+    browser.wait_until(f"{ring}.x[0] !== {before}")
+    choose(browser, "camera", "1")
+    browser.wait_until(f"{ring}?.x[0] === skytrace.report.cameras[1].projected.x[3]")
+    assert browser.complaints() == []
+
+
+def test_the_errors_against_the_truth_colour_the_path(browser):
+    choose(browser, "colour", "error")
+    scene = "document.getElementById('scene')"
+    browser.wait_until(f"{scene}.layout.coloraxis.colorbar.title.text === 'error [cm]'")
+    assert "true path" in text(browser, "scene-caption")
+    assert browser.evaluate(f"{scene}.data.some((trace) => trace.meta === 'truth' && trace.x.length > 100)")
+    assert browser.evaluate("document.getElementById('truth-error').data[0].x.length") > 60
+    choose(browser, "colour", "time")
+    assert browser.complaints() == []
+
+
+def test_clocks_are_drawn_with_their_deviations(browser):
+    names = ("offset", "deviation", "rate", "readout")
+    drawn = [browser.evaluate(f"document.getElementById('clock-{name}').data[0].y.length") for name in names]
+    assert drawn == [3] * 4
+    assert browser.evaluate("document.getElementById('clock-rate').data[0].error_x.array.length") == 3
 
 
 def test_figures_follow_the_colour_scheme(browser):

@@ -15,14 +15,15 @@ from report_scene import make_reconstruction
 from skytrace.model.reconstruction import Reconstruction, Residuals
 from skytrace.model.trajectory import Trajectory
 from skytrace.report import figures, theme
+from skytrace.report.clock_figures import clock_figures
 from skytrace.report.picture import picture_from_world
 from skytrace.report.residual_figures import arrow_magnification, residual_figures
-from skytrace.report.samples import MAX_RESIDUALS, path_samples
+from skytrace.report.samples import MAX_RESIDUALS, path_samples, sight_intervals
 
 
-def scene_of(reconstruction, truth=None):
+def scene_of(reconstruction):
     path = path_samples(reconstruction)
-    return figures.scene_figure(reconstruction, path, picture_from_world(reconstruction), "units", truth)
+    return figures.scene_figure(reconstruction, path, picture_from_world(reconstruction), "units")
 
 
 def without_residuals(reconstruction: Reconstruction) -> Reconstruction:
@@ -73,19 +74,17 @@ def test_a_few_wild_samples_do_not_use_up_the_colour_scale():
     assert (still["min"], still["max"]) == (1.5, 2.5)
 
 
-def test_scene_shows_the_path_the_cameras_and_the_truth_in_the_frame_of_the_picture():
+def test_scene_shows_the_path_and_the_cameras_in_the_frame_of_the_picture():
     reconstruction = make_reconstruction(["left", "right", "a <b>"])
     path, picture = path_samples(reconstruction), picture_from_world(reconstruction)
-    truth = path.position + 0.01
-    traces = {trace["name"]: trace for trace in scene_of(reconstruction, truth)["data"]}
-    assert {"left", "right", "a ‹b›", "trajectory", "truth"} <= set(traces)
+    traces = {trace["name"]: trace for trace in scene_of(reconstruction)["data"]}
+    assert {"left", "right", "a ‹b›", "trajectory"} <= set(traces)
     assert traces["cameras"]["text"] == ["left", "right", "a ‹b›"]
     for k, camera in enumerate(reconstruction.cameras.values()):
         shown = [traces["cameras"][axis][k] for axis in "xyz"]
         np.testing.assert_allclose(shown, picture.apply(camera.camera_from_world.centre), atol=1e-4)
     line = np.array([[v for v in traces["trajectory"][axis] if v is not None] for axis in "xyz"]).T
     np.testing.assert_allclose(line, picture.apply(path.position), atol=1e-4)
-    np.testing.assert_allclose(traces["truth"]["z"], picture.apply(truth)[:, 2], atol=1e-4)
 
 
 def test_timeline_shows_each_camera_and_what_is_covered():
@@ -99,6 +98,35 @@ def test_timeline_shows_each_camera_and_what_is_covered():
     assert first < 0 < 29 < last
 
 
+def test_a_camera_sees_the_path_where_its_detections_agree_and_nowhere_else():
+    reconstruction = make_reconstruction()
+    path, camera = path_samples(reconstruction), reconstruction.cameras["cam1"]
+    seen = figures.projected_columns(path, camera)
+    assert len(seen["x"]) == len(figures.path_columns(path)["time"])
+    row = {t: k for k, t in enumerate(figures.path_columns(path)["time"])}
+    intervals = sight_intervals(camera)
+    shown = np.array([seen["x"][row[t]] is not None for t in np.round(path.time_s, 3)])
+    inside = [any(begin - 0.25 <= t <= end + 0.25 for begin, end in intervals) for t in path.time_s]
+    assert list(shown) == inside
+    assert 0.5 < shown.mean() < 1
+    k = int(np.flatnonzero(shown)[10])
+    at = camera.camera_from_world.apply(path.position[k])
+    xy = 1510 * at[0] / at[2] + 960, 1512 * at[1] / at[2] + 540
+    np.testing.assert_allclose([seen[axis][row[round(path.time_s[k], 3)]] for axis in "xy"], xy, atol=0.51)
+
+
+def test_clock_figures_show_every_camera_with_its_deviations():
+    reconstruction = make_reconstruction()
+    summary = {"cameras": {camera_id: {"frame_rate_given_hz": 30.003} for camera_id in reconstruction.cameras}}
+    shown = clock_figures(reconstruction, summary)
+    assert shown["offset"]["data"][0]["x"] == [0.0, -12.5, -25.0, -37.5]
+    assert shown["deviation"]["data"][0]["x"] == [0.0, 1.2, 1.2, 1.2]
+    assert shown["rate"]["data"][0]["x"] == pytest.approx([-100] * 4, abs=0.1)
+    assert shown["rate"]["data"][0]["error_x"]["array"] == pytest.approx([0, 7.5, 7.5, 7.5])
+    assert shown["readout"]["data"][0]["x"] == [20.0] * 4
+    assert clock_figures(reconstruction, {})["rate"]["data"][0]["x"] == [None] * 4
+
+
 @pytest.mark.parametrize("degenerate", [False, True])
 def test_plotly_accepts_every_figure(degenerate):
     import plotly.graph_objects as go
@@ -107,6 +135,7 @@ def test_plotly_accepts_every_figure(degenerate):
     if degenerate:
         reconstruction = without_residuals(reconstruction)
     shown = [scene_of(reconstruction), figures.timeline_figure(reconstruction, path_samples(reconstruction), "units")]
+    shown += clock_figures(reconstruction, {}).values()
     for camera in reconstruction.cameras.values():
         shown += residual_figures(camera, theme.camera_colour(0), figures.time_range_s(reconstruction)).values()
     for figure in shown:

@@ -141,16 +141,6 @@ def test_partial_and_unknown_entries_of_the_summary_do_no_harm(reconstruction):
     assert "scale" in main
 
 
-def test_truth_is_drawn_where_it_is_known(reconstruction):
-    truth = np.array([[0.0, 0.0, 1.0], [np.nan] * 3, [0.0, 0.0, 2.0]])
-    html = render_report(reconstruction, {}, name="true", truth_in_world=truth, versions={}, settings={})
-    trace = next(t for t in data_of(html)["scene"]["data"] if t["name"] == "truth")
-    assert [v is None for v in trace["x"]] == [False, True, False]
-    assert "true path" in html
-    with pytest.raises(ValueError, match=r"truth_in_world: expected shape \(n, 3\), got \(3,\)"):
-        render_report(reconstruction, {}, name="bad", truth_in_world=np.zeros(3), versions={}, settings={})
-
-
 def test_metric_gauge_speaks_of_metres():
     html = render_report(make_reconstruction(gauge="metric"), {}, name="metric", versions={}, settings={})
     data = data_of(html)
@@ -163,10 +153,7 @@ def test_ten_minutes_of_seven_cameras_fit_into_eight_megabytes():
     reconstruction = make_reconstruction(
         [f"camera-{i}" for i in range(7)], duration_s=600.0, frame_rate_hz=60.0, n_segments=20
     )
-    truth = np.zeros((30_000, 3))
-    html = render_report(
-        reconstruction, make_summary(reconstruction), name="long", truth_in_world=truth, versions={}, settings={}
-    )
+    html = render_report(reconstruction, make_summary(reconstruction), name="long", versions={}, settings={})
     assert 4e6 < len(html.encode()) < 8e6
     path = data_of(html)["path"]["time"]
     assert 4000 < len(path) <= 6000 + 20

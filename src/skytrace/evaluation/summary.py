@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from skytrace.evaluation.cameras import CentreErrors, aligned_centre_errors, centre_errors
+from skytrace.evaluation.cameras import (
+    CentreErrors,
+    OrientationErrors,
+    aligned_centre_errors,
+    centre_errors,
+    orientation_errors,
+)
 from skytrace.evaluation.clocks import SynchronisationErrors, synchronisation_errors
 from skytrace.evaluation.path import SampledPath
 from skytrace.evaluation.search import CHANCE_LEVEL
@@ -29,6 +35,7 @@ class Evaluation:
     centres_aligned: CentreErrors | None = None  # the centres fitted to the known positions by themselves
     centres_in_truth_frame: CentreErrors | None = None  # under the trajectory's similarity
     synchronisation: SynchronisationErrors | None = None
+    orientations: OrientationErrors | None = None  # the rotations fitted to the known ones by themselves
     notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -44,6 +51,12 @@ class Evaluation:
             out["camera_centres_aligned"] = _centres_dict(self.centres_aligned)
         if self.centres_in_truth_frame is not None:
             out["camera_centres_in_truth_frame"] = _centres_dict(self.centres_in_truth_frame)
+        if self.orientations is not None:
+            out["camera_orientations_aligned"] = {
+                "mean_deg": self.orientations.mean_deg,
+                "max_deg": self.orientations.max_deg,
+                "by_camera_deg": dict(self.orientations.error_deg),
+            }
         if self.synchronisation is not None:
             out["synchronisation"] = _synchronisation_dict(self.synchronisation)
         return out
@@ -57,18 +70,21 @@ def evaluate(
     centres: Mapping[str, FloatArray] | None = None,
     known_centres: Mapping[str, FloatArray] | None = None,
     centres_share_truth_frame: bool = False,
+    rotations: Mapping[str, FloatArray] | None = None,
+    known_rotations: Mapping[str, FloatArray] | None = None,
     clocks: Mapping[str, Clock] | None = None,
     known_synchronisation: Mapping[str, tuple[float, float]] | None = None,
     row_fraction: float = 0.5,
 ) -> Evaluation:
-    """Judge a run by whatever is known: true positions (m, 3) at `rate_hz`, camera centres (3,), corresponding frames.
+    """Judge a run by whatever is known: true positions (m, 3) at `rate_hz`, camera centres (3,) and
+    camera_from_world rotations (3, 3) by camera id, corresponding frames.
 
     `centres_share_truth_frame` says that the known centres and the true path were surveyed in one frame. Centres or
     clocks that cannot be judged end in a note. Raises ValueError when the path and the truth cannot be brought to
     overlap (`evaluate_trajectory`), or the truth comes without its rate.
     """
     notes: list[str] = []
-    trajectory = aligned = in_truth_frame = synchronisation = None
+    trajectory = aligned = in_truth_frame = orientations = synchronisation = None
     if truth is not None:
         if rate_hz is None:
             raise ValueError("rate_hz: expected the truth's sampling rate")
@@ -83,6 +99,12 @@ def evaluate(
                 in_truth_frame = centre_errors(centres or {}, known_centres, similarity)
         except ValueError as error:
             notes.append(str(error))
+    if known_rotations is not None:
+        notes += _absent("known orientation", known_rotations, rotations or {})
+        try:
+            orientations = orientation_errors(rotations or {}, known_rotations)
+        except ValueError as error:
+            notes.append(str(error))
     if known_synchronisation is not None:
         notes += _absent("known synchronisation", known_synchronisation, clocks or {})
         try:
@@ -91,7 +113,7 @@ def evaluate(
             )
         except ValueError as error:
             notes.append(str(error))
-    return Evaluation(trajectory, aligned, in_truth_frame, synchronisation, tuple(notes))
+    return Evaluation(trajectory, aligned, in_truth_frame, synchronisation, orientations, tuple(notes))
 
 
 def _trajectory_notes(evaluation: TrajectoryEvaluation, n_possible: float) -> list[str]:
@@ -150,6 +172,7 @@ def _errors_dict(errors: TrajectoryErrors) -> dict[str, Any]:
             "scale_sd": _number(errors.clock.scale_sd),
         },
         "truth_from_world": _similarity_dict(errors.truth_from_world),
+        "velocity": None if errors.velocity is None else _statistics_dict(errors.velocity),
         "by_n_cameras": _groups_list(errors.by_n_cameras),
         "by_posterior_deviation": _groups_list(errors.by_sigma),
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from skytrace.evaluation.cameras import CentreErrors
+from skytrace.evaluation.cameras import CentreErrors, OrientationErrors
 from skytrace.evaluation.clocks import SynchronisationErrors
 from skytrace.evaluation.statistics import ErrorGroup, ErrorStatistics
 from skytrace.evaluation.summary import Evaluation
@@ -25,6 +25,8 @@ def format_table(evaluation: Evaluation, unit: str = "m") -> str:
     if evaluation.centres_in_truth_frame is not None:
         title = "Camera centres under the trajectory's alignment"
         lines += _centre_lines(evaluation.centres_in_truth_frame, factor, f"{title} ({shown})")
+    if evaluation.orientations is not None:
+        lines += _orientation_lines(evaluation.orientations)
     if evaluation.synchronisation is not None:
         lines += _synchronisation_lines(evaluation.synchronisation)
     lines += [f"Note: {note}" for note in evaluation.notes]
@@ -41,6 +43,8 @@ def _trajectory_lines(evaluation: TrajectoryEvaluation, factor: float, shown: st
     for group in complete.by_sigma:
         label = f"  deviation {factor * group.low:.3g} to {factor * group.high:.3g} {shown}"
         lines.append(_row(label, group.statistics, factor))
+    if complete.velocity is not None:
+        lines.append(_row(f"velocity ({shown}/s)", complete.velocity, factor))
     clock = kept.clock
     uncertainty = f" +- {1e3 * clock.shift_sd_s:.2g} ms" if isfinite(clock.shift_sd_s) else ", undetermined"
     share = 100 * complete.statistics.n / complete.n_total
@@ -67,6 +71,13 @@ def _cameras(group: ErrorGroup) -> str:
 def _centre_lines(errors: CentreErrors, factor: float, title: str) -> list[str]:
     lines = [title, f"  mean {factor * errors.mean:.2f}, max {factor * errors.max:.2f}"]
     lines += [f"  {camera:<{_LABEL_WIDTH - 2}}{factor * distance:>9.2f}" for camera, distance in errors.error.items()]
+    return [*lines, ""]
+
+
+def _orientation_lines(errors: OrientationErrors) -> list[str]:
+    lines = ["Camera orientations after aligning them (degrees)"]
+    lines.append(f"  mean {errors.mean_deg:.3f}, max {errors.max_deg:.3f}")
+    lines += [f"  {camera:<{_LABEL_WIDTH - 2}}{angle:>9.3f}" for camera, angle in errors.error_deg.items()]
     return [*lines, ""]
 
 

@@ -51,6 +51,24 @@ class TrajectoryErrors:
         return np.linalg.norm(self.error_vector, axis=1)
 
     @property
+    def velocity_error_vector(self) -> FloatArray:
+        """True minus reconstructed velocity (m, 3) at the samples with neighbours, averaged over the two steps there.
+
+        A truth of positions tells no more of the velocity than this: how far the target got between two samples.
+        """
+        if len(self.truth_index) < 3:
+            return np.zeros((0, 3))
+        step_s = (self.time_s[-1] - self.time_s[0]) / (self.truth_index[-1] - self.truth_index[0])
+        joined = self.truth_index[2:] - self.truth_index[:-2] == 2
+        return (self.error_vector[2:] - self.error_vector[:-2])[joined] / (2 * step_s)
+
+    @property
+    def velocity(self) -> ErrorStatistics | None:
+        """Statistics of the velocity's errors per second; None where no three samples follow each other."""
+        error = np.linalg.norm(self.velocity_error_vector, axis=1)
+        return ErrorStatistics.of(error) if len(error) else None
+
+    @property
     def by_n_cameras(self) -> tuple[ErrorGroup, ...]:
         """Statistics by the number of cameras that saw the target; empty where it is not known."""
         return () if self.n_cameras is None else by_count(self.error, self.n_cameras)

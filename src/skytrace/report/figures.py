@@ -12,14 +12,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skytrace.geometry.arrays import FloatArray
+from skytrace.geometry.projection import project
 from skytrace.geometry.rigid import Rigid
-from skytrace.model.reconstruction import Reconstruction
+from skytrace.io.run_folder import SUPPORT_S
+from skytrace.model.reconstruction import CameraEstimate, Reconstruction
 from skytrace.report.picture import frustum_lines
-from skytrace.report.samples import MAX_TRUTH_SAMPLES, PathSamples, sight_intervals, thin
+from skytrace.report.samples import PathSamples, sight_intervals
 from skytrace.report.theme import camera_colour
 
 Figure = dict[str, Any]
-PATH, TARGET, SIGHT = "path", "target", "sight"  # the traces that the page's script looks for, by their `meta`
+PATH, TARGET, SIGHT, TRUTH = (
+    "path",
+    "target",
+    "sight",
+    "truth",
+)  # the traces that the page's script looks for, by their `meta`
 
 
 def numbers(values: Iterable[float], step: float) -> list[float | None]:
@@ -55,25 +62,39 @@ def label(camera_id: str, longest: int = 18) -> str:
     return short.replace("<", "‹").replace(">", "›")
 
 
+def broken(path: PathSamples, values: ArrayLike) -> FloatArray:
+    """Values (n, ...) of the path's samples with a row of NaN between segments, so that lines break there."""
+    return np.insert(np.asarray(values, float), np.flatnonzero(np.diff(path.segment)) + 1, np.nan, axis=0)
+
+
 def path_columns(path: PathSamples) -> dict[str, list[float | None]]:
-    """The path's samples by name, one row of None between segments so that lines break there."""
-    breaks = np.flatnonzero(np.diff(path.segment)) + 1
+    """The path's samples by name, one row of None between segments."""
     step = resolution(path.position)
 
-    def broken(values: ArrayLike) -> FloatArray:
-        return np.insert(np.asarray(values, float), breaks, np.nan)
-
-    x, y, z = path.position.T
+    x, y, z = broken(path, path.position).T
     return {
-        "time": numbers(broken(path.time_s), 1e-3),
-        "x": numbers(broken(x), step),
-        "y": numbers(broken(y), step),
-        "z": numbers(broken(z), step),
-        "speed": significant(broken(path.speed)),
-        "sigma": significant(broken(path.sigma), 3),
-        "cameras": numbers(broken(path.n_cameras), 1),
-        "segment": numbers(broken(path.segment + 1), 1),
+        "time": numbers(broken(path, path.time_s), 1e-3),
+        "x": numbers(x, step),
+        "y": numbers(y, step),
+        "z": numbers(z, step),
+        "speed": significant(broken(path, path.speed)),
+        "sigma": significant(broken(path, path.sigma), 3),
+        "cameras": numbers(broken(path, path.n_cameras), 1),
+        "segment": numbers(broken(path, path.segment + 1), 1),
     }
+
+
+def projected_columns(path: PathSamples, camera: CameraEstimate) -> dict[str, list[float | None]]:
+    """Where a camera sees the path, whole pixels row by row as in `path_columns`; None where it has no sight of it."""
+    lens, time_s = camera.refined, path.time_s
+    xy = project(
+        camera.camera_from_world.apply(path.position), lens.focal_px, lens.principal_px, lens.distortion, lens.model
+    )
+    intervals = sight_intervals(camera)
+    last = np.searchsorted(intervals[:, 0] - SUPPORT_S, time_s, side="right") - 1
+    seen = (last >= 0) & (time_s <= np.append(intervals[:, 1], -np.inf)[last] + SUPPORT_S)
+    x, y = broken(path, np.where(seen[:, None], xy, np.nan)).T
+    return {"x": numbers(x, 1), "y": numbers(y, 1)}
 
 
 def colour_choices(path: PathSamples, unit: str) -> list[dict[str, Any]]:
@@ -102,7 +123,6 @@ def scene_figure(
     path: PathSamples,
     picture_from_world: Rigid,
     unit: str,
-    truth_in_world: FloatArray | None = None,
 ) -> Figure:
     """The flight and its cameras in 3D, in the picture's frame; the script adds colours, hover texts, target."""
     centres = np.array([c.camera_from_world.centre for c in reconstruction.cameras.values()])
@@ -110,12 +130,8 @@ def scene_figure(
     step = resolution(everything)
     depth = 0.05 * float(np.linalg.norm(np.ptp(everything, axis=0))) or 1.0
 
-    breaks = np.flatnonzero(np.diff(path.segment)) + 1
-    line = np.insert(picture_from_world.apply(path.position), breaks, np.nan, axis=0)
+    line = broken(path, picture_from_world.apply(path.position))
     data = [_lines(line, step, "trajectory", meta=PATH, showlegend=False, line={"width": 5, "color": "$accent"})]
-    if truth_in_world is not None:
-        true_path = picture_from_world.apply(truth_in_world[thin(len(truth_in_world), MAX_TRUTH_SAMPLES)])
-        data.append(_lines(true_path, step, "truth", line={"width": 2, "color": "$muted"}, hoverinfo="skip"))
     for index, (camera_id, camera) in enumerate(reconstruction.cameras.items()):
         colour = camera_colour(index)
         strokes = picture_from_world.apply(frustum_lines(camera.camera_from_world, camera.refined, depth))
@@ -134,6 +150,11 @@ def scene_figure(
         "uirevision": "keep the reader's view",
     }
     return {"data": data, "layout": layout}
+
+
+def truth_trace(true_path: FloatArray, step: float) -> dict[str, Any]:
+    """The true path (n, 3) in the picture's frame, NaN where it is unknown."""
+    return _lines(true_path, step, "truth", meta=TRUTH, line={"width": 2, "color": "$muted"}, hoverinfo="skip")
 
 
 _WAYS = ("right", "forward", "up")

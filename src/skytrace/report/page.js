@@ -55,7 +55,8 @@
       `${position(row)}<br>` +
       `${short(path.speed[row], 3)} ${report.unit}/s` +
       (path.sigma[row] === null ? '' : `, ± ${short(path.sigma[row], 2)} ${report.unit}`) +
-      `<br>${path.cameras[row]} cameras`);
+      `<br>${path.cameras[row]} cameras` +
+      (path.error?.[row] == null ? '' : `, error ${short(path.error[row], 3)} cm`));
   }
 
   function targetTraces() {
@@ -158,6 +159,15 @@
     line: { width: 1.5, color: theme().colours.target },
   });
 
+  const cursorIds = ['timeline', 'errors-time', ...(report.truth ? ['truth-error'] : [])];
+
+  // Where the chosen camera sees the target at the moment shown.
+  const chosenCamera = () => report.cameras[Number(byId('camera').value)];
+  const nowInImage = ({ projected }) => {
+    const row = samples[shown];
+    return { x: [[projected.x[row] ?? null]], y: [[projected.y[row] ?? null]] };
+  };
+
   let waiting = false;
   function show(index) {
     shown = Math.min(Math.max(index, 0), samples.length - 1);
@@ -168,7 +178,9 @@
     requestAnimationFrame(() => {
       waiting = false;
       moveTarget();
-      for (const id of ['timeline', 'errors-time']) Plotly.relayout(byId(id), { shapes: [cursor('paper')] });
+      for (const id of cursorIds) Plotly.relayout(byId(id), { shapes: [cursor('paper')] });
+      const image = byId('errors-image');
+      Plotly.restyle(image, nowInImage(chosenCamera()), [image.data.length - 1]);
     });
   }
 
@@ -214,28 +226,53 @@
 
   const drawTimeline = () => draw('timeline', withCursor(report.timeline));
 
+  function imageFigure(camera) {
+    const { data, layout } = camera.figures.image;
+    if (!samples.length) return { data, layout };
+    const line = {
+      type: 'scatter', mode: 'lines', name: 'path, projected', visible: 'legendonly', hoverinfo: 'skip',
+      ...camera.projected, line: { width: 1, color: '$muted' },
+    };
+    const { x, y } = nowInImage(camera);
+    const ring = {
+      type: 'scatter', mode: 'markers', meta: 'now', name: 'target now', x: x[0], y: y[0], hoverinfo: 'skip',
+      marker: { size: 16, symbol: 'circle-open', color: '$target', line: { width: 3, color: '$target' } },
+    };
+    return { data: [...data, line, ring], layout };
+  }
+
+  const drawTruth = () => report.truth && draw('truth-error', withCursor(report.truth.error));
+
+  const drawClocks = () =>
+    Promise.all(Object.entries(report.clocks).map(([name, figure]) => draw(`clock-${name}`, figure)));
+
   function drawErrors() {
-    const camera = report.cameras[Number(byId('camera').value)];
+    const camera = chosenCamera();
     draw('errors-time', withCursor(camera.figures.time));
     draw('errors-histogram', camera.figures.histogram);
-    draw('errors-image', camera.figures.image);
+    draw('errors-image', imageFigure(camera));
     byId('errors-shown').textContent = camera.shown < camera.used ?
       `Shown: ${camera.shown} of ${camera.used} detections, evenly chosen; the median is of all.` : '';
   }
 
   async function drawAll() {
     await Promise.all([drawScene(), drawTimeline()]);
+    await Promise.all([drawTruth(), drawClocks()]);
     drawErrors();
   }
 
   function connect() {
+    if (report.truth) {
+      const error = report.colours.find(({ key }) => key === 'error');
+      if (error) byId('colour').add(new Option(error.label, error.key));
+      byId('scene-caption').append(' The grey line is the true path.');
+    }
     slider.max = Math.max(samples.length - 1, 0);
     if (samples.length) {
       slider.addEventListener('input', () => jump(Number(slider.value)));
       byId('play').addEventListener('click', () => (playing === null ? play() : stop()));
       const jumpToTime = ({ points }) => jump(nearestSample(points[0].x));
-      byId('timeline').on('plotly_click', jumpToTime);
-      byId('errors-time').on('plotly_click', jumpToTime);
+      for (const id of cursorIds) byId(id).on('plotly_click', jumpToTime);
       byId('scene').on('plotly_click', ({ points }) => {
         const row = points[0].data.meta === 'path' ? samples.indexOf(points[0].pointNumber) : -1;
         if (row >= 0) jump(row);

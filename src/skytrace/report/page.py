@@ -8,20 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from skytrace.geometry.arrays import FloatArray
 from skytrace.io.run_folder import SUPPORT_S
 from skytrace.model.reconstruction import Reconstruction
+from skytrace.report.clock_figures import clock_figures
+from skytrace.report.container import Parts
 from skytrace.report.figures import (
     VIEWS,
     colour_choices,
     decimals_for,
     numbers,
     path_columns,
+    projected_columns,
     resolution,
     scene_figure,
     time_range_s,
     timeline_figure,
 )
+from skytrace.report.lens_table import lens_table
 from skytrace.report.picture import picture_from_world
 from skytrace.report.residual_figures import residual_figures
 from skytrace.report.samples import MAX_RESIDUALS, PathSamples, path_samples, sight_intervals
@@ -32,6 +35,7 @@ from skytrace.report.theme import camera_colour, themes
 from skytrace.report.words import (
     NO_BREAK,
     count,
+    cut_sentence,
     frame_sentences,
     number,
     pooled_median_px,
@@ -46,37 +50,42 @@ def render_report(
     summary: Mapping[str, Any],
     *,
     name: str,
-    truth_in_world: FloatArray | None = None,
     versions: Mapping[str, Any],
     settings: Mapping[str, Any],
 ) -> str:
     """The report of a run: HTML text that holds all it needs, plotly.js included.
 
-    `summary` is what summary.json holds; what it does not hold is left out of the page. `truth_in_world` (n, 3) is
-    the true path in the frame and unit of the reconstruction, NaN where it is unknown. The same input gives the same
-    text. Raises ValueError when the truth has another shape.
+    `summary` is what summary.json holds; what it does not hold is left out of the page. The same input gives the same
+    text. What is known of the truth is added by `truth.add_truth`.
     """
-    if truth_in_world is not None and (np.ndim(truth_in_world) != 2 or np.shape(truth_in_world)[1] != 3):
-        raise ValueError(f"truth_in_world: expected shape (n, 3), got {np.shape(truth_in_world)}")
     path, unit = path_samples(reconstruction), unit_of(reconstruction)
     ids, choices = camera_ids(reconstruction, summary), colour_choices(path, unit)
     main = filled(
         "page.html",
         warnings=warnings_card(summary.get("warnings") or ()),
-        summary=escape(" ".join(summary_sentences(reconstruction, len(ids)))),
+        summary=escape(" ".join(_found(reconstruction, summary, len(ids)))),
         frame=escape(" ".join(frame_sentences(reconstruction))),
         tiles=_tiles(reconstruction, len(ids), path, unit),
         colours=options([choice["key"] for choice in choices], [choice["label"] for choice in choices]),
-        scene_caption=_scene_caption(truth_in_world is not None),
         cameras=camera_table(reconstruction, summary, unit),
         camera_options=options(map(str, range(len(reconstruction.cameras))), reconstruction.cameras),
-        dropped=section("dropped", "What was dropped", dropped_table(reconstruction, summary), _DROPPED),
+        dropped=section("lenses", "Lenses", lens_table(reconstruction, summary), _LENSES)
+        + section("dropped", "What was dropped", dropped_table(reconstruction, summary), _DROPPED),
         details=_details(ids, summary, settings, versions),
     )
-    data = _data(reconstruction, path, choices, unit, truth_in_world)
-    return whole_page(name, "skytrace report", main, data, ["page.js"])
+    data = _data(reconstruction, summary, path, choices, unit)
+    return page_of(Parts(name, main, data))
 
 
+def page_of(parts: Parts) -> str:
+    """The report made of its parts."""
+    return whole_page(parts.title, "skytrace report", parts.main, parts.data, ["page.js"])
+
+
+_LENSES = (
+    "Refined: the calibration with what the flight says of it. A pattern is the part of the residuals that comes back "
+    "wherever the target does: the lens has another shape than its calibration can have."
+)
 _DROPPED = (
     "Dropped before the reconstruction: what cannot be the moving target. Set aside later: detections that were used "
     "with little weight because they contradict the estimate."
@@ -85,10 +94,10 @@ _DROPPED = (
 
 def _data(
     reconstruction: Reconstruction,
+    summary: Mapping[str, Any],
     path: PathSamples,
     choices: list[dict[str, Any]],
     unit: str,
-    truth_in_world: FloatArray | None,
 ) -> dict[str, Any]:
     """What the page's script needs, in JSON's types."""
     picture = picture_from_world(reconstruction)
@@ -103,6 +112,7 @@ def _data(
                 "shown": min(n, MAX_RESIDUALS),
                 "used": n,
                 "figures": residual_figures(camera, colour, range_s),
+                "projected": projected_columns(path, camera),
             }
         )
     return {
@@ -114,7 +124,9 @@ def _data(
         "path": path_columns(path),
         "colours": choices,
         "cameras": cameras,
-        "scene": scene_figure(reconstruction, path, picture, unit, truth_in_world),
+        "picture": picture.rotation.tolist(),
+        "scene": scene_figure(reconstruction, path, picture, unit),
+        "clocks": clock_figures(reconstruction, summary),
         "timeline": timeline_figure(reconstruction, path, unit),
     }
 
@@ -135,12 +147,10 @@ def _tiles(reconstruction: Reconstruction, n_cameras: int, path: PathSamples, un
     return tiles(shown)
 
 
-def _scene_caption(has_truth: bool) -> str:
-    truth = " The grey line is the true path." if has_truth else ""
-    return (
-        f"Drag to turn, scroll or pinch to zoom.{truth} The picture is turned so that up is up; the positions below "
-        "and in the hover texts are those of the world frame."
-    )
+def _found(reconstruction: Reconstruction, summary: Mapping[str, Any], n_cameras: int) -> list[str]:
+    """What the run found, in a few sentences."""
+    left_out = cut_sentence(summary.get("not_covered") or {})
+    return [*summary_sentences(reconstruction, n_cameras), *([left_out] if left_out else [])]
 
 
 def _details(
@@ -148,7 +158,7 @@ def _details(
 ) -> str:
     timings = {f"{stage} [s]": value for stage, value in (summary.get("timings_s") or {}).items()}
     parts = [
-        ("What the data determine", observability_table(summary.get("observability") or {}, ids)),
+        ("What the data determine", _determined(summary, ids)),
         ("Synchronisation", _synchronisation(summary.get("synchronisation") or {})),
         ("Adjustment", definitions(summary.get("adjustment") or {})),
         ("Computing time", definitions(timings)),
@@ -160,6 +170,13 @@ def _details(
         for title, content in parts
         if content
     )
+
+
+def _determined(summary: Mapping[str, Any], ids: list[str]) -> str:
+    words = summary.get("observability_words") or ()
+    items = "".join(f"<li>{escape(str(sentence))}</li>\n" for sentence in words)
+    listed = f"<ul>\n{items}</ul>\n" if items else ""
+    return listed + observability_table(summary.get("observability") or {}, ids)
 
 
 def _synchronisation(document: Mapping[str, Any]) -> str:

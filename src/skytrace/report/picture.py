@@ -29,8 +29,11 @@ def up_in_world(reconstruction: Reconstruction, iterations: int = 10) -> FloatAr
 
     Cameras are tilted upwards but seldom rolled: their x axes are horizontal, while their -y axes only scatter about
     the vertical. So it is the direction most nearly normal to all x axes, in a sum of absolute values since some
-    phones stand on edge; the mean -y axis chooses the sign and decides where the x axes are parallel.
+    phones stand on edge; the mean -y axis chooses the sign and decides where the x axes are parallel. Where the
+    vertical is known it is the world's z.
     """
+    if reconstruction.frame in ("level", "enu"):
+        return np.array([0.0, 0.0, 1.0])
     rotations = np.array([c.camera_from_world.rotation for c in reconstruction.cameras.values()])
     x_axes, mean = rotations[:, 0], -rotations[:, 1].mean(axis=0)
     if np.linalg.norm(mean) < 0.1:

@@ -100,20 +100,29 @@ def image_figure(camera: CameraEstimate, colour: str, shown: IntArray) -> Figure
         data.append(_points(points, name, {**marker, "opacity": 0.45}, "%{x:.0f}, %{y:.0f} px"))
     place, error = error_field(residuals, (width, height))
     if len(place):
-        magnification = arrow_magnification(error, width)
-        strokes = _arrows(place, magnification * error)
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": f"mean error × {magnification}",
-                "x": numbers(strokes[:, 0], _PIXEL_STEP),
-                "y": numbers(strokes[:, 1], _PIXEL_STEP),
-                "line": {"width": 2, "color": "$ink"},
-                "hoverinfo": "skip",
-            }
-        )
-    layout = {
+        data.append(arrows(place, error, width))
+    return {"data": data, "layout": image_layout((width, height))}
+
+
+def arrows(place: FloatArray, error_px: FloatArray, width_px: float) -> dict[str, Any]:
+    """Magnified mean errors (m, 2) at places (m, 2) of an image."""
+    magnification = arrow_magnification(error_px, width_px)
+    strokes = _arrows(place, magnification * error_px)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": f"mean error × {magnification}",
+        "x": numbers(strokes[:, 0], _PIXEL_STEP),
+        "y": numbers(strokes[:, 1], _PIXEL_STEP),
+        "line": {"width": 2, "color": "$ink"},
+        "hoverinfo": "skip",
+    }
+
+
+def image_layout(size_px: tuple[int, int]) -> dict[str, Any]:
+    """A figure that is a camera's image, its pixels square."""
+    width, height = size_px
+    return {
         "margin": _MARGIN,
         "legend": _LEGEND,
         "hovermode": "closest",
@@ -126,7 +135,6 @@ def image_figure(camera: CameraEstimate, colour: str, shown: IntArray) -> Figure
             **_FRAME,
         },
     }
-    return {"data": data, "layout": layout}
 
 
 def arrow_magnification(error_px: FloatArray, width_px: float) -> int:

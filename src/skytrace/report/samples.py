@@ -100,13 +100,20 @@ def error_histogram(residuals: Residuals, reach_px: float, n_bins: int = 61) -> 
 def error_field(
     residuals: Residuals, size_px: tuple[int, int], n_columns: int = 12, at_least: int = 20
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean places (m, 2) and mean errors (m, 2), both in px, of the agreeing detections in each cell of the image.
+    """Mean places (m, 2) and mean errors (m, 2), both in px, of the agreeing detections in each cell of the image."""
+    xy, error = residuals.measured_px[residuals.inlier], residuals.error_px[residuals.inlier]
+    return mean_field(xy, error, size_px, n_columns, at_least)
 
-    Cells are about square; those with fewer than `at_least` detections are left out.
+
+def mean_field(
+    xy: FloatArray, error: FloatArray, size_px: tuple[int, int], n_columns: int, at_least: int
+) -> tuple[FloatArray, FloatArray]:
+    """Mean places (m, 2) and mean errors (m, 2) in each cell of the image, of places (n, 2) with errors (n, 2).
+
+    Cells are about square; those with fewer than `at_least` places are left out.
     """
     width, height = size_px
     n_rows = max(1, round(n_columns * height / width))
-    xy, error = residuals.measured_px[residuals.inlier], residuals.error_px[residuals.inlier]
     column = np.clip((xy[:, 0] + 0.5) / width * n_columns, 0, n_columns - 1).astype(np.int64)
     row = np.clip((xy[:, 1] + 0.5) / height * n_rows, 0, n_rows - 1).astype(np.int64)
     cell = row * n_columns + column

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -87,11 +88,35 @@ def summary_sentences(reconstruction: Reconstruction, n_cameras: int) -> list[st
     return sentences
 
 
+_WORTH_A_WORD_S = 0.5
+_CUTS = {
+    "too_few_cameras_s": "seen by too few cameras",
+    "cameras_disagree_s": "in which cameras contradict each other",
+    "too_uncertain_s": "too uncertain",
+    "too_short_s": "in stretches too short to claim",
+}
+
+
+def cut_sentence(not_covered: Mapping[str, Any]) -> str:
+    """How much of what was seen is not claimed, and why; empty where nothing is missing or nothing is told."""
+    lengths = {words: not_covered.get(key) for key, words in _CUTS.items()}
+    cut = {words: s for words, s in lengths.items() if isinstance(s, int | float) and s >= _WORTH_A_WORD_S}
+    if not cut or "seen_s" not in not_covered:
+        return ""
+    parts = [f"{seconds(s)} {words}" for words, s in cut.items()]
+    return (
+        f"Of {seconds(not_covered['seen_s'])} in which any camera saw the target, these are left out: {listing(parts)}."
+    )
+
+
 def frame_sentences(reconstruction: Reconstruction) -> list[str]:
     """Which unit, frame and clock the numbers refer to."""
     reference = reconstruction.reference
+    frame = reconstruction.frame_in_words
     if reconstruction.gauge == "metric":
-        where = "Lengths are in metres and positions in the frame of the positions that were given."
+        where = f"Lengths are in metres, and the frame is {frame}."
+    elif reconstruction.frame == "level":
+        where = f"Lengths are in an arbitrary unit: nothing tells the size of the flight. The frame is {frame}."
     else:
         where = (
             "Lengths are in an arbitrary unit: without a known distance, tracks tell the shape of a flight but not its "
