@@ -1,4 +1,4 @@
-"""simulate, evaluate, demo, import and datasets, as a user chains them."""
+"""simulate, evaluate, demo and import, as a user chains them."""
 
 from __future__ import annotations
 
@@ -68,6 +68,7 @@ def test_evaluate_for_machines(finished: Finished) -> None:
     result = skytrace(
         *("evaluate", finished.run, "--truth", truth / "trajectory.txt", "--rate", 5, "--json"),
         *("--positions", truth / "positions.csv", "--synchronisation", truth / "synchronisation.csv"),
+        *("--orientations", truth / "cameras.json"),
     )
     assert (result.code, result.err) == (0, "")
     found = json.loads(result.out)
@@ -134,6 +135,7 @@ def test_the_demo_twice(tmp_path: Path) -> None:
         assert "Trajectory error (cm)" in result.out
         assert str(folder / "run" / "report.html") in result.out
         assert {path.name for path in folder.iterdir()} == {"flight", "run"}
+        assert "Against the truth" in (folder / "run" / "report.html").read_text(encoding="utf-8")
     assert outputs[0] == outputs[1]
     mean_cm = float(outputs[0].split("all covered samples")[1].split()[0])
     assert 0.1 < mean_cm < 5
@@ -180,23 +182,3 @@ def test_import_mvus_says_what_is_wrong(tmp_path: Path) -> None:
         assert (result.code, result.out) == (3, "")
         assert words in result.message
         assert not (tmp_path / "flight").exists()
-
-
-def test_datasets_need_their_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SKYTRACE_DATA", raising=False)
-    result = skytrace("datasets", "-o", tmp_path / "flights")
-    assert (result.code, result.out) == (3, "")
-    assert "SKYTRACE_DATA" in result.message
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_what_a_flight_gives_in_vain_is_said(tmp_path: Path) -> None:
-    """Keys that are read but not used must not be swallowed."""
-    from skytrace.cli.reconstruct import unused_keys
-    from skytrace.io.flight import read_flight
-
-    assert skytrace("simulate", "-o", tmp_path / "flight", "--duration", 5).code == 0
-    path = tmp_path / "flight" / "flight.toml"
-    assert unused_keys(read_flight(path)) == []
-    path.write_text(path.read_text().replace('id = "cam1"', 'id = "cam1"\nreadout_s = 0.01', 1))
-    assert unused_keys(read_flight(path)) == ["readout_s of cam1 is not used by the reconstruction yet."]

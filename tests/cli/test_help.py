@@ -87,7 +87,7 @@ def test_help_names_each_switch_once() -> None:
         ("reconstruct", "FLIGHT"),
         ("reconstruct f", "--output"),
         ("reconstruct f -o r --bogus", "--bogus"),
-        ("reconstruct f -o r extra", "extra"),
+        ("sync f -o r extra", "extra"),
         ("reconstruct f -o r --motion-prior smooth", "jerk"),
         ("reconstruct f -o r --seed -1", "--seed"),
         ("reconstruct f -o r --seed x", "--seed"),

@@ -97,7 +97,7 @@ def test_the_cameras(finished: Finished) -> None:
             "reprojection_median_px",
             "n_used",
         }
-        assert set(camera) == designed | {"principal_px", "size_px", "sigma_px", "n_inliers"}
+        assert set(camera) == designed | {"principal_px", "size_px", "sigma_px", "n_inliers", "lens_model"}
         assert camera["registered"] is True
         assert camera["reason"] is None
         for clock in ("clock", "clock_sd"):
@@ -136,7 +136,7 @@ def test_the_summary(finished: Finished) -> None:
         observed = summary["observability"][camera_id]
         assert {"rate", "readout_s", "focal_scale"} <= set(observed)
         for verdict in observed.values():
-            assert set(verdict) == {"value", "prior_sd", "posterior_sd", "determined"}
+            assert {"value", "prior_sd", "posterior_sd", "determined"} <= set(verdict)
             assert isinstance(verdict["determined"], str)
     assert all(isinstance(text, str) for text in summary["warnings"])
     for segment in summary["segments"]:

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skytrace.cli.evaluate import evaluate_run
 from skytrace.datasets import DATASETS, Labels, write_dataset
 from skytrace.evaluation.summary import Evaluation
 from skytrace.io.flight import read_flight
 from skytrace.io.run_folder import RunFolder, read_run
+from skytrace.pipeline.judging import evaluate_files
 
 pytestmark = pytest.mark.real
 
@@ -64,7 +64,7 @@ def reconstruct(flight: Path, output: Path, *options: str) -> Command:
     run, truth = read_run(output), read_flight(flight).truth
     evaluation = None
     if truth is not None:
-        evaluation = evaluate_run(run, truth.trajectory, truth.rate_hz, truth.positions, truth.synchronisation)
+        evaluation = evaluate_files(run, truth.trajectory, truth.rate_hz, truth.positions, truth.synchronisation)
     return Command(run, evaluation, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 
@@ -86,7 +86,7 @@ def commands(data_dir: Path, tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.mark.parametrize("labels", ["auto", "manual"])
-@pytest.mark.parametrize("dataset", list(DATASETS))
+@pytest.mark.parametrize("dataset", list(BUDGET))
 def test_every_camera_is_registered_within_budget(commands, dataset: str, labels: Labels) -> None:
     done = commands(dataset, labels)
     cpu_s, peak_mib = BUDGET[dataset]

@@ -42,7 +42,11 @@ def recover(preset: str | Scenario, seed: int = 0, config: Config | None = None,
 
 def compare(simulated: SimulatedFlight, config: Config) -> Recovered:
     prepared = prepare_recordings(simulated.recordings, config.clean)
-    found = outcome(run(prepared.recordings, config))
+    return judged(simulated, prepared, outcome(run(prepared.recordings, config)))
+
+
+def judged(simulated: SimulatedFlight, prepared: Prepared, found: Outcome) -> Recovered:
+    """An outcome beside the truth of its flight."""
     reconstruction, motion = found.reconstruction, simulated.truth.motion
     time = reconstruction.trajectory.sample_times(10.0)
     # The reconstruction's time is the reference camera's own; the truth knows when that is.

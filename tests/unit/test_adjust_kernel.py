@@ -19,13 +19,19 @@ from skytrace.estimation.adjust.problem import (
     Problem,
     State,
     Weights,
+    calibration_row,
 )
 from skytrace.estimation.priors import motion_prior
 from skytrace.estimation.scene import CameraState
+from skytrace.geometry.projection import LensModel
 from skytrace.geometry.rigid import Rigid, so3_exp
 from skytrace.model.camera import Intrinsics
 
-STRONG = np.array([[0.19, -0.76, 2e-3, -1.5e-3, 0.94], [-0.25, 0.08, -3e-3, 2e-3, 0.0], [0.08, -0.2, 1e-3, 4e-3, -0.1]])
+STRONG: tuple[tuple[LensModel, list[float]], ...] = (
+    ("pinhole", [0.19, -0.76, 2e-3, -1.5e-3, 0.94]),
+    ("fisheye", [0.12, -0.3, 0.2, -0.05]),
+    ("pinhole", [-0.25, 0.08, -3e-3, 2e-3, 0.0]),
+)
 SIZE = (1920, 1080)
 RUNS = ((-4, 8), (11, 17))
 SPACING_S = 0.25
@@ -62,7 +68,8 @@ def random_problem(rng, state, per_camera=60, runs=RUNS, noise_px=0.0, reference
     tau = (at - state.clock[camera, 0] - state.clock[camera, 2] * row) / state.clock[camera, 1]
     focal = rng.uniform(1300, 1700, (n_cameras, 1)) * [1.0, 0.98]
     principal = [960.0, 540.0] + rng.normal(0, 20, (n_cameras, 2))
-    calibration = np.hstack([focal, principal, STRONG[np.arange(n_cameras) % 3]])
+    lenses = [Intrinsics(focal[c], principal[c], STRONG[c % 3][1], SIZE, STRONG[c % 3][0]) for c in range(n_cameras)]
+    calibration = np.stack([calibration_row(lens) for lens in lenses])
     problem = Problem(Observations(camera, tau, row, np.zeros((len(camera), 2))), calibration, grid, reference)
     xy = solve.predict(problem, state) + noise_px * rng.normal(size=(len(camera), 2))
     return replace(problem, observations=replace(problem.observations, xy_px=xy))
@@ -107,11 +114,10 @@ def test_predictions_are_those_of_the_model_types(problem, state):
     predicted = solve.predict(problem, state)
     points = problem.grid.evaluate(state.control, times_of(problem, state))
     for c in range(problem.n_cameras):
-        fx, fy, cx, cy, *distortion = problem.calibration[c]
+        model, distortion = STRONG[c]
+        calibrated = Intrinsics(problem.calibration[c, :2], problem.calibration[c, 2:4], distortion, SIZE, model)
         pose = Rigid.from_centre(state.rotation[c], state.centre[c])
-        lens = CameraState(pose, 0.0, 1.0, 0.0, state.lens[c]).intrinsics(
-            Intrinsics([fx, fy], [cx, cy], distortion, SIZE)
-        )
+        lens = CameraState(pose, 0.0, 1.0, 0.0, state.lens[c]).intrinsics(calibrated)
         own = problem.observations.camera == c
         np.testing.assert_allclose(predicted[own], lens.project(pose.apply(points[own])), rtol=0, atol=1e-9)
     assert np.ptp(predicted, axis=0).min() > 500  # the path fills the images, where the lenses bend

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from skytrace.evaluation.cameras import aligned_centre_errors, centre_errors
+from skytrace.evaluation.cameras import aligned_centre_errors, centre_errors, orientation_errors
 from skytrace.evaluation.clocks import synchronisation_errors
 from skytrace.evaluation.path import SampledPath
 from skytrace.evaluation.statistics import ErrorStatistics, by_count, by_quantile, keep_within
@@ -82,6 +82,40 @@ def test_two_cameras_align_to_anything():
         centre_errors(CENTRES, {"x": np.zeros(3)}, SIMILARITY)
 
 
+def test_orientations_are_aligned_before_they_are_compared():
+    turns = {c: so3_exp(np.array([0.3 * k, 0.5 - k, 0.1])) for k, c in enumerate("abcd")}
+    known = {c: turn @ SIMILARITY.rotation.T for c, turn in turns.items()}
+    errors = orientation_errors(turns, {**known, "not there": np.eye(3)})
+    assert set(errors.error_deg) == set("abcd")
+    assert errors.max_deg < 1e-6
+    np.testing.assert_allclose(errors.known_from_world, SIMILARITY.rotation, atol=1e-12)
+    # Two cameras turned against each other by 2 degrees: the alignment takes half from each.
+    two = {"a": np.eye(3), "b": so3_exp(np.array([0, 0, np.radians(2.0)]))}
+    errors = orientation_errors(two, {"a": np.eye(3), "b": np.eye(3)})
+    assert dict(errors.error_deg) == pytest.approx({"a": 1.0, "b": 1.0})
+    assert errors.mean_deg == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="at least 2 cameras with a known orientation are needed, got 1"):
+        orientation_errors({"a": np.eye(3)}, two)
+
+
+def test_velocity_errors_are_those_between_samples():
+    k = np.arange(250)
+    truth = spiral(k / 5 + 4.0)
+    # Off by 2 cm every fourth sample along x: every other one lies between neighbours that differ by 2 cm in 0.4 s.
+    truth[::4, 0] += 0.02
+    truth[100] = np.nan
+    errors = evaluate(spiral_path(), truth=truth, rate_hz=5.0).trajectory.complete
+    error = np.linalg.norm(errors.velocity_error_vector, axis=1)
+    assert len(error) == 250 - 2 - 3  # neither at the ends nor beside the unknown sample
+    low, high = np.split(np.sort(error), [len(error) // 2 - 2])
+    assert low.max() < 0.002
+    np.testing.assert_allclose(np.median(high), 0.02 / 0.4, rtol=0.05)
+    assert errors.velocity.n == len(error)
+    alone = evaluate(spiral_path(), truth=np.where(k[:, None] % 3 == 2, np.nan, truth), rate_hz=5.0)
+    assert alone.trajectory.complete.velocity is None
+    assert alone.as_dict()["trajectory"]["all"]["velocity"] is None
+
+
 def test_exact_clocks_have_no_error_whatever_the_readout():
     """frame_b = 2 frame_a - 30 where the middle rows are exposed together."""
     a = Clock(10.0, 1 / 25, 0.01, 1080)
@@ -149,6 +183,8 @@ def test_everything_at_once_goes_to_json_and_to_text():
         centres={camera: CENTRES[camera] for camera in "abc"},
         known_centres=known,
         centres_share_truth_frame=True,
+        rotations={"a": np.eye(3), "b": so3_exp(np.array([0.0, 0.01, 0.0]))},
+        known_rotations={"a": np.eye(3), "b": np.eye(3)},
         clocks=clocks,
         known_synchronisation={"a": (1.0, 0.0), "b": (2.0, 0.0)},
     )
@@ -165,7 +201,11 @@ def test_everything_at_once_goes_to_json_and_to_text():
     assert out["camera_centres_in_truth_frame"]["by_camera"]["b"] < 0.05
     assert out["camera_centres_aligned"]["mean"] < out["camera_centres_in_truth_frame"]["max"]
     assert out["synchronisation"]["by_camera"]["b"]["mean_s"] == pytest.approx(0.01)
+    assert out["camera_orientations_aligned"]["by_camera_deg"]["b"] == pytest.approx(np.degrees(0.005))
+    assert out["trajectory"]["all"]["velocity"]["n"] == 248
     text = format_table(evaluation)
+    assert "velocity (cm/s)" in text
+    assert "Camera orientations after aligning them (degrees)" in text
     mean_cm = 100 * evaluation.trajectory.complete.statistics.mean
     assert "Trajectory error (cm)" in text
     assert any(line.startswith("all covered samples") and f"{mean_cm:.2f}" in line for line in text.splitlines())

@@ -188,7 +188,6 @@ def test_calibration_chosen_from_one_file(folder):
         (HEAD + A + B.replace("calibration =", "# calibration ="), 9, "camera 2: the key 'calibration' is missing"),
         (HEAD + A + B.replace("detections =", "# detections ="), 9, "detections: missing"),
         (HEAD + A + B + 'video = "b.mp4"\n', 13, "either video or detections, not both"),
-        (HEAD + A + B.replace("detections", "video"), 12, "run a detector on it first"),
         (HEAD + A + B + "frame_rate = 30\n", 13, "unknown key 'frame_rate' (did you mean 'frame_rate_hz'?)"),
         ("nam = 'x'\n" + A + B, 1, "unknown key 'nam' (did you mean 'name'?)"),
         (HEAD + A + B + "[truht]\ntrajectory = 'rtk.txt'\n", 13, "unknown key 'truht' (did you mean 'truth'?)"),

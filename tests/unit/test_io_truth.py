@@ -7,7 +7,12 @@ import pytest
 
 from skytrace.errors import InputError
 from skytrace.io.timestamps import read_timestamps
-from skytrace.io.truth import read_true_positions, read_true_synchronisation, read_truth_trajectory
+from skytrace.io.truth import (
+    read_true_orientations,
+    read_true_positions,
+    read_true_synchronisation,
+    read_truth_trajectory,
+)
 
 
 def write(folder, text):
@@ -99,5 +104,31 @@ def test_true_positions_and_synchronisation(tmp_path):
 def test_bad_synchronisation(tmp_path, text, line, words):
     with pytest.raises(InputError) as caught:
         read_true_synchronisation(write(tmp_path, text))
+    assert words in caught.value.message
+    assert caught.value.line == line
+
+
+def test_true_orientations(tmp_path):
+    text = '{"reference": "a", "cameras": {"a": {"rotation_camera_from_world": [[0,1,0],[-1,0,0],[0,0,1]], "x": 1}}}'
+    known = read_true_orientations(write(tmp_path, text))
+    assert {camera: rotation.tolist() for camera, rotation in known.items()} == {
+        "a": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("", 1, "not valid JSON"),
+        ("[]", None, "expected an object cameras"),
+        ('{"cameras": {"a": {}}}', None, "rotation_camera_from_world"),
+        ('{"cameras": {"a": {"rotation_camera_from_world": [[1, 0], ["x", 1]]}}}', None, "3 by 3 numbers"),
+        ('{"cameras": {"a": {"rotation_camera_from_world": [1, 0, 0]}}}', None, "camera 'a'"),
+        ('{"cameras": {"a": {"rotation_camera_from_world": [[1,0,0],[0,1,0],[0,0,-1]]}}}', None, "not a rotation"),
+    ],
+)
+def test_bad_orientations(tmp_path, text, line, words):
+    with pytest.raises(InputError) as caught:
+        read_true_orientations(write(tmp_path, text))
     assert words in caught.value.message
     assert caught.value.line == line

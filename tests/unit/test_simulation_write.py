@@ -10,7 +10,12 @@ import pytest
 
 from skytrace.errors import InputError
 from skytrace.io.flight import read_flight
-from skytrace.io.truth import read_true_positions, read_true_synchronisation, read_truth_trajectory
+from skytrace.io.truth import (
+    read_true_orientations,
+    read_true_positions,
+    read_true_synchronisation,
+    read_truth_trajectory,
+)
 from skytrace.simulation import Scenario, presets, simulate, write_flight
 
 SHORT = Scenario(duration_s=20.0)
@@ -57,12 +62,14 @@ def _check_truth(simulated, written, folder):
     np.testing.assert_allclose(trajectory.position_m, expected, rtol=0, atol=1e-8)
     positions = read_true_positions(written.positions)
     synchronisation = read_true_synchronisation(written.synchronisation)
+    orientations = read_true_orientations(written.orientations)
     cameras = json.loads((folder / "truth" / "cameras.json").read_text())
     scenario = json.loads((folder / "truth" / "scenario.json").read_text())
     assert scenario["n_cameras"] == simulated.scenario.n_cameras
     assert cameras["reference"] == truth.reference
     for camera_id, camera in truth.cameras.items():
         np.testing.assert_array_equal(positions[camera_id], camera.camera_from_world.centre)
+        np.testing.assert_array_equal(orientations[camera_id], camera.camera_from_world.rotation)
         assert synchronisation[camera_id] == truth.synchronisation(camera_id)
         assert cameras["cameras"][camera_id]["clock"]["offset_s"] == camera.clock.offset_s
         np.testing.assert_array_equal(cameras["cameras"][camera_id]["focal_px"], camera.intrinsics.focal_px)

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from skytrace.cli.evaluate import evaluate_truth
+from skytrace.cli.evaluate import TruthFiles
+from skytrace.cli.files import write_text
 from skytrace.cli.reconstruct import describe, reconstruct_flight
+from skytrace.cli.report import page_with_truth
 from skytrace.evaluation.table import format_table
 from skytrace.io.atomic import check_replaceable
-from skytrace.io.flight import FLIGHT_FILE, read_flight
+from skytrace.io.flight import FLIGHT_FILE
+from skytrace.io.run_folder import REPORT, read_run
 from skytrace.pipeline.config import Config
 from skytrace.simulation import presets, simulate, write_flight
 
@@ -28,10 +31,12 @@ def demo_command(output: Path, seed: int) -> None:
     write_flight(simulated, flight_folder, name=_NAME)
     print(f"simulated    {len(simulated.recordings)} unsynchronised cameras in {flight_folder}", flush=True)
     print(describe(reconstruct_flight(flight_folder, run_folder, Config()), run_folder))
-    truth = read_flight(flight_folder).truth
-    assert truth is not None  # the simulator always writes it
     print("\nAgainst the truth, which the reconstruction never saw:")
-    print(format_table(evaluate_truth(run_folder, truth)), end="")
+    files = TruthFiles(flight=flight_folder).with_flight()
+    evaluation = files.judge(read_run(run_folder))
+    print(format_table(evaluation), end="")
+    page = run_folder / REPORT
+    write_text(page, page_with_truth(page, page.read_text(encoding="utf-8"), evaluation, files))
 
 
 def _is_demo_flight(folder: Path) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from skytrace.io.atomic import atomic_file
+
 
 def write_text(path: Path, text: str) -> None:
     """Write a file in one step, so that an interruption leaves none or the old one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    with atomic_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")

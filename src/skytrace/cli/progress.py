@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol, TextIO
 
@@ -29,10 +29,13 @@ class Display(Protocol):
 
 
 class StageClock:
-    """Tells a display which stage is under way and keeps how long each took."""
+    """Tells a display which stage is under way and keeps how long each took.
 
-    def __init__(self, display: Display) -> None:
-        self._display = display
+    `names` are the stages it is told of, in their order; `label` stands before each on the display.
+    """
+
+    def __init__(self, display: Display, names: Sequence[str] = STAGES, label: str = "") -> None:
+        self._display, self._names, self.label = display, tuple(names), label
         self._last_cpu_s = time.process_time()
         self._began_s = time.monotonic()
         self._open: str | None = None
@@ -52,7 +55,7 @@ class StageClock:
         self._display.count(done, total)
         if done >= total:
             self.close()
-            following = STAGES[STAGES.index(name) + 1 :]
+            following = self._names[self._names.index(name) + 1 :]
             if following:
                 self._begin(following[0])
 
@@ -65,7 +68,7 @@ class StageClock:
 
     def _begin(self, name: str) -> None:
         self._open = name
-        self._display.open(name, self._began_s)
+        self._display.open(f"{self.label}{name}", self._began_s)
 
 
 class Lines:

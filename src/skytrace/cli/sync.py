@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from skytrace.cli.files import write_text
+from skytrace.cli.flight_videos import find_tracks
 from skytrace.errors import InputError, ReconstructionError
 from skytrace.estimation.correspond import ImagePath, image_path
 from skytrace.estimation.hints import Hints
@@ -38,7 +39,7 @@ def sync_command(
     check_outputs(output, report)
     default = Config(seed=seed)
     config = replace(default, synchronise=replace(default.synchronise, method=method))
-    given = read_flight(flight)
+    given = read_flight(flight, find_tracks(flight))
     require_offsets(given, method)
     recordings = {r.camera_id: r for r in prepare_flight(given, config.clean).recordings}
     paths = {c: image_path(r, config.adjust.readout_fraction) for c, r in recordings.items() if r.n_detections}

@@ -15,6 +15,8 @@ from skytrace.model.camera import Clock
 from skytrace.model.reconstruction import CameraEstimate
 from skytrace.model.track import Recording, Track
 
+_ROUNDING_S = 1e-10
+
 
 @dataclass(frozen=True, slots=True)
 class Origin:
@@ -39,6 +41,8 @@ class Origin:
         """The estimate with frames counted as they were given."""
         clock = camera.clock
         offset_s = clock.offset_s - self.frame * clock.period_s
+        if abs(offset_s) < _ROUNDING_S:  # the reference camera has 0, not what subtraction leaves of it
+            offset_s = 0.0
         return replace(
             camera,
             clock=Clock(offset_s, clock.period_s, clock.readout_s, clock.height_px),

@@ -33,6 +33,7 @@ class Config:
     freedom: Freedom = field(default_factory=Freedom)
     start_attempts: int = 3  # initial pairs to grow from until all cameras are in
     passes: int = 2  # final adjustments, each but the first on a trajectory triangulated anew
+    doubt_lenses: bool = True  # take radial distortions that the flight contradicts from the flight
     finish: FinishSettings = field(default_factory=FinishSettings)
     wander: WanderSettings = field(default_factory=WanderSettings)
     coverage: CoverageSettings = field(default_factory=CoverageSettings)

@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from skytrace.errors import ReconstructionError
 from skytrace.estimation.adjust.driver import Adjusted
-from skytrace.estimation.clock_wander import Wander, find_wander, retimed
+from skytrace.estimation.clock_wander import Wander
 from skytrace.estimation.correspond import ImagePath, image_path
-from skytrace.estimation.finish import finish, refined_paths
+from skytrace.estimation.coverage import Cuts
+from skytrace.estimation.finish import finish
 from skytrace.estimation.given_offsets import given_synchronisation
-from skytrace.estimation.grow import Grown, Growth, complete, grow
+from skytrace.estimation.grow import Grown, Growth, grow
 from skytrace.estimation.hints import Hints
 from skytrace.estimation.initialize import InitialPair, initial_pairs
+from skytrace.estimation.known import Known
+from skytrace.estimation.known_placement import Placed
+from skytrace.estimation.lens_doubt import LensDoubt, doubted_lenses, doubting
 from skytrace.estimation.posterior import Posterior
 from skytrace.estimation.synchronize import Synchronisation, synchronize
 from skytrace.model.reconstruction import Reconstruction
 from skytrace.model.track import Recording
 from skytrace.pipeline.assemble import assemble
-from skytrace.pipeline.canonical import origins, rebased_hints, restored_synchronisation
+from skytrace.pipeline.canonical import Origin, origins, rebased_hints, restored_synchronisation
 from skytrace.pipeline.config import Config
+from skytrace.pipeline.final_passes import final_passes
+from skytrace.pipeline.frame_rates import correct_frame_rates
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,17 +44,23 @@ class Stage:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outcome:
-    """The end of the stream. `adjusted` and `wander` count each camera's time from its first detection."""
+    """The end of the stream. In `adjusted`, `wander` and `recordings` a camera's time is since its first detection."""
 
     reconstruction: Reconstruction
     adjusted: Adjusted
     posterior: Posterior
     synchronisation: Synchronisation
     wander: Mapping[str, Wander]  # of the cameras whose clocks run unevenly
+    recordings: Mapping[str, Recording]  # those adjusted, with the frame rates and time stamps found
+    origins: Mapping[str, Origin]  # that frames and times are counted from
+    order: tuple[str, ...]  # in which cameras were given
+    cuts: Cuts
+    placed: Placed | None = None  # in the frame of what is known, and what of that held
+    doubted: Mapping[str, LensDoubt] = field(default_factory=dict)  # calibrations that the flight contradicts
 
 
 Progress = Callable[[str, int, int], None]
-_GROSS_RATE = 0.01  # a real clock is never off by this much: the given frame rate is a mistake
+Synchronise = Callable[[Mapping[str, ImagePath], Config, Hints | None, Progress], Synchronisation]
 
 
 def run(
@@ -56,19 +68,24 @@ def run(
     config: Config,
     *,
     hints: Hints | None = None,
+    known: Known | None = None,
     progress: Progress = lambda name, done, total: None,
+    synchronise: Synchronise | None = None,
 ) -> Iterator[Stage]:
     """Reconstruct a flight from cleaned recordings; the last stage's product is the Outcome.
 
-    `hints` are what is known of the clocks, never needed; `progress` hears of the steps inside long stages. Raises
-    ReconstructionError where the data determine nothing.
+    `hints` are what is known of the clocks, `known` what is known of the cameras, neither ever needed; `progress` hears
+    of the steps inside long stages; `synchronise` takes the place of `synchronise_paths`. Raises ReconstructionError
+    where the data determine nothing.
     """
     given, silent = _usable(recordings)
     order, origin = tuple(given), origins(given)
     given = {c: at.rebased(given[c]) for c, at in origin.items()}
     readout = config.adjust.readout_fraction
     paths = {c: image_path(r, readout) for c, r in given.items()}
-    synchronisation = _synchronise(paths, config, rebased_hints(hints or Hints(), origin), progress)
+    synchronisation = (synchronise or synchronise_paths)(
+        paths, config, rebased_hints(hints or Hints(), origin), progress
+    )
     as_given = restored_synchronisation(synchronisation, origin)
     yield Stage("synchronise", 1, 1, as_given)
 
@@ -97,29 +114,87 @@ def run(
     assert grown is not None  # _grow_from_best yields or raises
 
     finished = None
-    for finished in _finish(grown, growth, config):
+    for finished in final_passes(grown, growth, config, known):
         yield Stage("adjust", finished.passes_done, finished.passes, finished.adjusted)
     assert finished is not None  # config.passes >= 1
 
     unregistered = {**silent, **synchronisation.untied, **finished.missing}
-    reconstruction, deviations = assemble(
+    reconstruction, deviations, cuts = assemble(
         finished.adjusted, finished.recordings, unregistered, config.coverage, order, origin
     )
-    if not reconstruction.trajectory.segments:
-        raise ReconstructionError(
-            "cover",
-            "no stretch of the trajectory is supported by two cameras that agree",
-            counts={"cameras": len(reconstruction.cameras)},
-            threshold=config.coverage.min_segment_s,
-            hint="The reconstruction contradicts itself; check calibrations and frame rates",
-        )
-    product = Outcome(reconstruction, finished.adjusted, deviations, as_given, finished.wander)
+    product = Outcome(
+        reconstruction,
+        finished.adjusted,
+        deviations,
+        as_given,
+        finished.wander,
+        finished.recordings,
+        origin,
+        order,
+        cuts,
+        finished.placed,
+    )
+    doubted = doubted_lenses(product.adjusted, deviations.lens) if config.doubt_lenses else {}
+    if doubted:
+        product = _with_lenses_of_the_flight(product, doubted, config)
+        yield Stage("adjust", finished.passes + 1, finished.passes + 1, product.adjusted)
+    _require_covered(product, config)
     yield Stage("cover", 1, 1, product)
 
 
-def _synchronise(
+def _with_lenses_of_the_flight(before: Outcome, doubted: Mapping[str, LensDoubt], config: Config) -> Outcome:
+    """The outcome with the radial distortion of doubted calibrations taken from the flight."""
+    recordings = doubting(before.recordings, doubted)
+    adjusted = finish(
+        before.adjusted,
+        recordings,
+        config.structure,
+        config.adjust,
+        config.freedom,
+        config.finish,
+        retriangulate=True,
+    )
+    return _reassembled(replace(before, recordings=recordings, doubted=doubted), adjusted, config)
+
+
+def concluded(before: Outcome, adjusted: Adjusted, config: Config) -> Outcome:
+    """The outcome of a flight that was adjusted further. Raises ReconstructionError where nothing is covered."""
+    product = _reassembled(before, adjusted, config)
+    _require_covered(product, config)
+    return product
+
+
+def _reassembled(before: Outcome, adjusted: Adjusted, config: Config) -> Outcome:
+    reconstruction, deviations, cuts = assemble(
+        adjusted,
+        before.recordings,
+        before.reconstruction.unregistered,
+        config.coverage,
+        before.order,
+        before.origins,
+    )
+    return replace(before, reconstruction=reconstruction, adjusted=adjusted, posterior=deviations, cuts=cuts)
+
+
+def _require_covered(product: Outcome, config: Config) -> None:
+    least, cut_s = config.coverage.min_cameras, product.cuts.cut_s
+    if not product.reconstruction.trajectory.segments:
+        raise ReconstructionError(
+            "cover",
+            f"no stretch of the trajectory is supported by {'two' if least == 2 else least} cameras that agree",
+            counts={
+                "cameras": len(product.reconstruction.cameras),
+                **{f"{why.replace('_', ' ')} [s]": round(cut, 1) for why, cut in cut_s.items() if cut},
+            },
+            threshold=config.coverage.min_segment_s,
+            hint="The reconstruction contradicts itself; check calibrations and frame rates",
+        )
+
+
+def synchronise_paths(
     paths: Mapping[str, ImagePath], config: Config, hints: Hints | None, progress: Progress
 ) -> Synchronisation:
+    """The first stage: when each camera filmed, from image paths, the config's `synchronise` and seed, and hints."""
     if config.synchronise.method == "given":
         return given_synchronisation(paths, hints or Hints(), config.synchronise)
     return synchronize(
@@ -157,27 +232,6 @@ def _usable(recordings: Sequence[Recording]) -> tuple[dict[str, Recording], dict
     return given, silent
 
 
-def correct_frame_rates(
-    recordings: Mapping[str, Recording], clocks: Mapping[str, tuple[float, float]]
-) -> tuple[dict[str, Recording], dict[str, tuple[float, float]]]:
-    """Recordings with the frame rates that synchronisation found where those given are grossly wrong, and their clocks.
-
-    The rate found is folded into the frame rate, and into the time stamps, which are stretched in slowed-down videos.
-    """
-    corrected, found = dict(recordings), dict(clocks)
-    for camera_id, (offset_s, rate) in clocks.items():
-        if abs(rate - 1) > _GROSS_RATE:
-            corrected[camera_id] = _stretched(recordings[camera_id], rate)
-            found[camera_id] = (offset_s, 1.0)
-    return corrected, found
-
-
-def _stretched(recording: Recording, rate: float) -> Recording:
-    """The same frames, `rate` times as far apart."""
-    tracks = tuple(t if t.time_s is None else replace(t, time_s=rate * t.time_s) for t in recording.tracks)
-    return replace(recording, frame_rate_hz=recording.frame_rate_hz / rate, tracks=tracks)
-
-
 def _grow_from_best(starts: Sequence[InitialPair], growth: Growth) -> Iterator[Grown]:
     """Grow from one initial pair after another until all cameras are in; the last one yielded is the largest."""
     best: Grown | None = None
@@ -197,43 +251,3 @@ def _grow_from_best(starts: Sequence[InitialPair], growth: Growth) -> Iterator[G
         assert failure is not None  # there is at least one start
         raise failure
     yield best
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Finished:
-    """The scene after a final pass, with the recordings as retimed so far."""
-
-    adjusted: Adjusted
-    missing: Mapping[str, str]
-    recordings: Mapping[str, Recording]
-    wander: Mapping[str, Wander]
-    passes_done: int
-    passes: int
-
-
-def _finish(grown: Grown, growth: Growth, config: Config) -> Iterator[_Finished]:
-    """Adjust everything, the second time on even clocks and with cameras that failed before; once more if any did."""
-    recordings, paths = dict(growth.recordings), growth.paths
-    wander: dict[str, Wander] = {}
-    passes, k = config.passes, 0
-    while k < passes:
-        adjusted = finish(
-            grown.adjusted,
-            recordings,
-            config.structure,
-            config.adjust,
-            config.freedom,
-            config.finish,
-            retriangulate=k > 0,
-        )
-        grown = replace(grown, adjusted=adjusted)
-        if k == 0:
-            wander = find_wander(adjusted, config.wander) if config.freedom.clocks else {}
-            recordings |= {c: retimed(recordings[c], w, adjusted.scene.cameras[c].rate) for c, w in wander.items()}
-            refined = {**paths, **refined_paths(adjusted.scene, recordings)}
-            before = len(adjusted.camera_ids)
-            for further in complete(grown, replace(growth, recordings=recordings, paths=refined)):
-                grown = further
-            passes += bool(wander) or len(grown.adjusted.camera_ids) > before
-        k += 1
-        yield _Finished(grown.adjusted, grown.missing, recordings, wander, k, passes)

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from skytrace.estimation.adjust.driver import Adjusted
-from skytrace.estimation.adjust.problem import ASPECT, FOCAL, PRINCIPAL, RADIAL, RATE, READOUT
 from skytrace.estimation.clock_wander import Wander
-from skytrace.estimation.posterior import Posterior
+from skytrace.estimation.coverage import Cuts
+from skytrace.estimation.residual_field import ResidualPattern
 from skytrace.model.reconstruction import Reconstruction
 from skytrace.model.track import Recording
+from skytrace.pipeline.known_summary import known_section, known_warnings
+from skytrace.pipeline.lens_summary import lens_warnings, pattern_section, patterns
+from skytrace.pipeline.observability import NOT_AT_ALL, Verdicts, observability, observability_words
 from skytrace.pipeline.offline import Outcome
 from skytrace.pipeline.prepare import Prepared
 from skytrace.pipeline.sync_document import as_document
 
-_DETERMINED, _PARTLY = 0.3, 0.8  # posterior deviation over prior deviation
 _ODD_RATE = 5e-3
-_ODD_PRIORS = 3.0
 _UNEVEN_PX = 3.0
 _WEAK = 1.5e-3
 _ENDINGS = {
@@ -37,14 +37,16 @@ def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, floa
     """The content of summary.json: plain numbers, strings, lists and dicts."""
     reconstruction = outcome.reconstruction
     segments = reconstruction.trajectory.segments
-    observability = _observability(outcome.adjusted, outcome.posterior)
+    verdicts, found = observability(outcome), patterns(reconstruction.cameras)
+    known = known_section(outcome)
     return {
         "gauge": reconstruction.gauge,
         "reference": reconstruction.reference,
         "covered_s": reconstruction.trajectory.covered_s,
         "segments": [{"begin_s": s.begin_s, "end_s": s.end_s} for s in segments],
+        "not_covered": _not_covered(outcome.cuts),
         **_accuracy(reconstruction),
-        "cameras": _cameras(outcome, prepared),
+        "cameras": _cameras(outcome, prepared, found),
         "synchronisation": _synchronisation(outcome, prepared),
         "adjustment": {
             "iterations": outcome.adjusted.iterations,
@@ -52,9 +54,12 @@ def summarise(outcome: Outcome, prepared: Prepared, timings_s: Mapping[str, floa
             "ending": outcome.adjusted.ending,
             "residuals_per_independent_one": outcome.adjusted.inflation,
             "motion_prior_weight": outcome.adjusted.motion.weight,
+            "motion_prior_weight_relative": _relative_weight(outcome),
         },
-        "observability": observability,
-        "warnings": _warnings(outcome, prepared, observability),
+        "observability": verdicts,
+        "observability_words": observability_words(outcome, verdicts),
+        **({} if known is None else {"known": known}),
+        "warnings": _warnings(outcome, prepared, verdicts, found),
         "timings_s": dict(timings_s),
     }
 
@@ -67,13 +72,30 @@ def _accuracy(reconstruction: Reconstruction) -> dict[str, float]:
     return {"sigma_median": float(np.median(sigma)), "extent": float(np.linalg.norm(high - low))}
 
 
+def _shape_share(outcome: Outcome) -> float:
+    """Deviations of the flight's shape over those in its frame, which count its place too where that is known."""
+    whole, shape = outcome.posterior.knot_sigma, outcome.posterior.shape_sigma
+    return 1.0 if shape is whole else float(np.median(shape) / max(np.median(whole), 1e-300))
+
+
 def _synchronisation(outcome: Outcome, prepared: Prepared) -> dict[str, Any]:
     """What `skytrace sync` would write, but for the warnings, which are among the run's own."""
     document = as_document(outcome.synchronisation, [r.camera_id for r in prepared.recordings])
     return {key: value for key, value in document.items() if key != "warnings"}
 
 
-def _cameras(outcome: Outcome, prepared: Prepared) -> dict[str, Any]:
+def _not_covered(cuts: Cuts) -> dict[str, float]:
+    """For how long any camera saw the target, and how much of that is not claimed, by reason."""
+    return {"seen_s": cuts.seen_s, **{f"{why}_s": cut_s for why, cut_s in cuts.cut_s.items()}}
+
+
+def _relative_weight(outcome: Outcome) -> float | None:
+    """The motion prior's weight as --motion-prior-weight takes it; None without a prior."""
+    motion = outcome.adjusted.motion
+    return motion.relative_weight(outcome.adjusted.state.control) if motion.automatic else None
+
+
+def _cameras(outcome: Outcome, prepared: Prepared, found: Mapping[str, ResidualPattern | None]) -> dict[str, Any]:
     reconstruction = outcome.reconstruction
     out: dict[str, Any] = {}
     for recording in prepared.recordings:
@@ -92,46 +114,13 @@ def _cameras(outcome: Outcome, prepared: Prepared) -> dict[str, Any]:
                 "sigma_px": camera.sigma_px,
                 "frame_rate_given_hz": recording.frame_rate_hz,
                 "frame_rate_found_hz": 1 / camera.clock.period_s,
+                "residual_pattern": pattern_section(found[camera_id], camera.sigma_px),
+                "radial_from_flight": camera_id in outcome.doubted,
             }
         else:
             row["reason"] = reconstruction.unregistered.get(camera_id, "unknown")
         out[camera_id] = row
     return out
-
-
-def _observability(adjusted: Adjusted, posterior: Posterior) -> dict[str, Any]:
-    """For each camera and kind of parameter: estimate, prior and posterior deviation, and what determined it."""
-    prior = adjusted.priors.deviation * np.sqrt(adjusted.inflation)
-    columns = {
-        "rate": (RATE, adjusted.state.clock[:, 1] - 1, posterior.clock[:, 1]),
-        "readout_s": (READOUT, adjusted.state.clock[:, 2], posterior.clock[:, 2]),
-        "focal_scale": (FOCAL, adjusted.state.lens[:, 0], posterior.lens[:, 0]),
-        "aspect": (ASPECT, adjusted.state.lens[:, 1], posterior.lens[:, 1]),
-        "principal_x": (PRINCIPAL.start, adjusted.state.lens[:, 2], posterior.lens[:, 2]),
-        "principal_y": (PRINCIPAL.start + 1, adjusted.state.lens[:, 3], posterior.lens[:, 3]),
-        "k1": (RADIAL.start, adjusted.state.lens[:, 4], posterior.lens[:, 4]),
-        "k2": (RADIAL.start + 1, adjusted.state.lens[:, 5], posterior.lens[:, 5]),
-        "k3": (RADIAL.start + 2, adjusted.state.lens[:, 6], posterior.lens[:, 6]),
-    }
-    return {
-        camera_id: {
-            name: _verdict(float(value[i]), float(prior[i, column]), float(deviation[i]))
-            for name, (column, value, deviation) in columns.items()
-        }
-        for i, camera_id in enumerate(adjusted.camera_ids)
-    }
-
-
-def _verdict(value: float, prior: float, posterior: float) -> dict[str, Any]:
-    if prior == 0:
-        said = "fixed"
-    elif posterior <= _DETERMINED * prior:
-        said = "determined by the data"
-    elif posterior <= _PARTLY * prior:
-        said = "partly by the data"
-    else:
-        said = "by its prior"
-    return {"value": value, "prior_sd": prior, "posterior_sd": posterior, "determined": said}
 
 
 def _wander_words(recording: Recording, wander: Wander) -> str:
@@ -163,7 +152,9 @@ def _rate_words(recording: Recording, period_s: float) -> list[str]:
     ]
 
 
-def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, Any]) -> list[str]:
+def _warnings(
+    outcome: Outcome, prepared: Prepared, verdicts: Verdicts, found: Mapping[str, ResidualPattern | None]
+) -> list[str]:
     """What a user should know before trusting the run, in words."""
     reconstruction, out = outcome.reconstruction, []
     for camera_id, reason in reconstruction.unregistered.items():
@@ -173,22 +164,24 @@ def _warnings(outcome: Outcome, prepared: Prepared, observability: Mapping[str, 
     out += [_wander_words(recordings[camera_id], wander) for camera_id, wander in outcome.wander.items()]
     for camera_id, camera in reconstruction.cameras.items():
         out += _rate_words(recordings[camera_id], camera.clock.period_s)
-        focal = observability[camera_id]["focal_scale"]
-        if focal["prior_sd"] and abs(focal["value"]) > _ODD_PRIORS * focal["prior_sd"]:
+        if verdicts[camera_id]["offset_s"]["determined"] == NOT_AT_ALL:
             out.append(
-                f"Camera {camera_id}'s focal length had to change by {100 * focal['value']:.1f} %: "
-                "its calibration does not fit how it filmed (zoom, stabilisation or another resolution?)."
+                f"Camera {camera_id}'s clock offset is not determined: it may be off by "
+                f"{verdicts[camera_id]['offset_s']['posterior_sd']:.2g} s. The flight hardly turned where it was seen."
             )
         if camera.residuals.median_px > _UNEVEN_PX:
             out.append(
                 f"Camera {camera_id} leaves a median reprojection error of {camera.residuals.median_px:.1f} px: "
                 "look at its detections, its calibration and its frame rate."
             )
+    out += lens_warnings(outcome, verdicts, found)
+    out += known_warnings(outcome)
     if outcome.adjusted.ending in _ENDINGS:
         out.append(_ENDINGS[outcome.adjusted.ending])
     accuracy = _accuracy(reconstruction)
-    if accuracy["sigma_median"] > _WEAK * accuracy["extent"]:
-        share = 100 * accuracy["sigma_median"] / accuracy["extent"]
+    shape = accuracy["sigma_median"] * _shape_share(outcome)
+    if shape > _WEAK * accuracy["extent"]:
+        share = 100 * shape / accuracy["extent"]
         out.append(
             f"The cameras' geometry is weak: positions are uncertain by {share:.2f} % of the flight's extent, slowly "
             "varying along the track. A further camera that sees the flight from another side would help most."
