@@ -37,6 +37,7 @@ def demo_command(output: Path, seed: int) -> None:
     print(format_table(evaluation), end="")
     page = run_folder / REPORT
     write_text(page, page_with_truth(page, page.read_text(encoding="utf-8"), evaluation, files))
+    print(f"\nOpen {page} in a browser.")
 
 
 def _is_demo_flight(folder: Path) -> bool:
