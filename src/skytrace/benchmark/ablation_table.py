@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from textwrap import fill
 from typing import Any
 
 from skytrace.benchmark.ablation import Measurement, Variant
+from skytrace.benchmark.table import markdown_table, text_table
 
 TITLE = "Motion priors, rolling shutter and lenses: what each is worth (Li et al., IROS 2020, table II)"
 NOTES = (
@@ -62,21 +62,12 @@ def cells(m: Measurement) -> tuple[str, ...]:
 
 def as_text(rows: Sequence[Measurement]) -> str:
     """The table for a terminal, each failure below its row, with its notes."""
-    table = [HEADER, *map(cells, rows)]
-    widths = [max(len(row[k]) for row in table) for k in range(len(HEADER))]
-    lines = []
-    for row, why in zip(table, ["", *(m.failure for m in rows)], strict=True):
-        lines.append("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip())
-        lines += [f"    {why}"] if why else []
-    return "\n".join([TITLE, "", *lines, "", *(fill(note, _WIDTH) for note in NOTES)]) + "\n"
+    return text_table(TITLE, HEADER, [cells(m) for m in rows], [m.failure for m in rows], NOTES)
 
 
 def as_markdown(rows: Sequence[Measurement]) -> str:
     """The table for a document, with its notes."""
-    table = [(*HEADER, "what fails"), *((*cells(m), m.failure) for m in rows)]
-    lines = ["| " + " | ".join(row) + " |" for row in table]
-    rule = "|" + " --- |" * len(table[0])
-    return "\n".join([f"## {TITLE}", "", lines[0], rule, *lines[1:], "", *(f"- {note}" for note in NOTES)]) + "\n"
+    return markdown_table(TITLE, (*HEADER, "what fails"), [(*cells(m), m.failure) for m in rows], NOTES)
 
 
 def as_document(rows: Sequence[Measurement]) -> dict[str, Any]:

@@ -6,10 +6,10 @@ import csv
 import io
 from collections.abc import Sequence
 from dataclasses import asdict
-from textwrap import fill
 from typing import Any
 
 from skytrace.benchmark.recordings import Errors, Measurement, Published
+from skytrace.benchmark.table import markdown_table, text_table
 
 TITLE = "The public recordings, blind, one configuration (beside the paper: Li et al., IROS 2020, table II)"
 NOTES = (
@@ -19,7 +19,6 @@ NOTES = (
     "dataset4 comes without its truth. Centres: camera centres aligned by themselves, in cm.",
     "CPU seconds, seconds and peak memory are those of the whole command in a process of its own, two at a time.",
 )
-_WIDTH = 120
 _ERRORS = ("mean", "RMSE", "median", "outliers %", "N")
 HEADER = (
     "recording",
@@ -66,21 +65,13 @@ def _number(value: float | None, decimals: int) -> str:
 
 def as_text(rows: Sequence[Measurement]) -> str:
     """The table for a terminal, each failure below its row, with its notes."""
-    table = [HEADER, *map(cells, rows)]
-    widths = [max(len(row[k]) for row in table) for k in range(len(HEADER))]
-    lines = []
-    for row, why in zip(table, ["", *(m.failure for m in rows)], strict=True):
-        lines.append("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip())
-        lines += [f"    {why}"] if why else []
-    return "\n".join([TITLE, "", *lines, "", *(fill(note, _WIDTH) for note in NOTES)]) + "\n"
+    return text_table(TITLE, HEADER, [cells(m) for m in rows], [m.failure for m in rows], NOTES)
 
 
 def as_markdown(rows: Sequence[Measurement]) -> str:
     """The table for a document, with its notes."""
-    lines = ["| " + " | ".join(row) + " |" for row in (HEADER, *map(cells, rows))]
-    rule = "|" + " --- |" * len(HEADER)
     notes = [*NOTES, *(f"{m.name} fails: {m.failure}" for m in rows if m.failure)]
-    return "\n".join([f"## {TITLE}", "", lines[0], rule, *lines[1:], "", *(f"- {note}" for note in notes)]) + "\n"
+    return markdown_table(TITLE, HEADER, [cells(m) for m in rows], notes)
 
 
 def as_csv(rows: Sequence[Measurement]) -> str:

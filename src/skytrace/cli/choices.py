@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 import enum
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+# What is known of a flight, to judge a run by.
+TruthOption = Annotated[Path | None, typer.Option(help="True positions, x y z in metres a row.")]
+RateOption = Annotated[
+    float | None, typer.Option(min=0.001, help="Rows of the truth a second, where it has no column time_s.")
+]
+PositionsOption = Annotated[Path | None, typer.Option(help="Known camera centres: CSV camera,x,y,z.")]
+SynchronisationOption = Annotated[Path | None, typer.Option(help="Known synchronisation: CSV camera,slope,intercept.")]
+OrientationsOption = Annotated[
+    Path | None, typer.Option(help="Known camera orientations: JSON as a run's cameras.json.")
+]
+TruthFlightOption = Annotated[Path | None, typer.Option(help="FLIGHT whose [truth] to use.")]
 
 
 class DetectMethod(enum.StrEnum):

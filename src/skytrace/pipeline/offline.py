@@ -28,7 +28,7 @@ from skytrace.model.track import Recording
 from skytrace.pipeline.assemble import assemble
 from skytrace.pipeline.canonical import Origin, origins, rebased_hints, restored_synchronisation
 from skytrace.pipeline.config import Config
-from skytrace.pipeline.final_passes import final_passes
+from skytrace.pipeline.final_passes import Finished, final_passes
 from skytrace.pipeline.frame_rates import correct_frame_rates
 
 
@@ -119,14 +119,32 @@ def run(
     assert finished is not None  # config.passes >= 1
 
     unregistered = {**silent, **synchronisation.untied, **finished.missing}
+    product = _assembled(finished, as_given, unregistered, config, order, origin)
+    doubted = doubted_lenses(product.adjusted, product.posterior.lens) if config.doubt_lenses else {}
+    if doubted:
+        product = _with_lenses_of_the_flight(product, doubted, config)
+        yield Stage("adjust", finished.passes + 1, finished.passes + 1, product.adjusted)
+    _require_covered(product, config)
+    yield Stage("cover", 1, 1, product)
+
+
+def _assembled(
+    finished: Finished,
+    synchronisation: Synchronisation,
+    unregistered: Mapping[str, str],
+    config: Config,
+    order: tuple[str, ...],
+    origin: Mapping[str, Origin],
+) -> Outcome:
+    """The outcome of the last pass."""
     reconstruction, deviations, cuts = assemble(
         finished.adjusted, finished.recordings, unregistered, config.coverage, order, origin
     )
-    product = Outcome(
+    return Outcome(
         reconstruction,
         finished.adjusted,
         deviations,
-        as_given,
+        synchronisation,
         finished.wander,
         finished.recordings,
         origin,
@@ -134,12 +152,6 @@ def run(
         cuts,
         finished.placed,
     )
-    doubted = doubted_lenses(product.adjusted, deviations.lens) if config.doubt_lenses else {}
-    if doubted:
-        product = _with_lenses_of_the_flight(product, doubted, config)
-        yield Stage("adjust", finished.passes + 1, finished.passes + 1, product.adjusted)
-    _require_covered(product, config)
-    yield Stage("cover", 1, 1, product)
 
 
 def _with_lenses_of_the_flight(before: Outcome, doubted: Mapping[str, LensDoubt], config: Config) -> Outcome:

@@ -8,24 +8,27 @@ from typing import Annotated
 import typer
 
 from skytrace.cli.apps import app
-from skytrace.cli.choices import Frame, JsonOption
+from skytrace.cli.choices import (
+    Frame,
+    JsonOption,
+    OrientationsOption,
+    PositionsOption,
+    RateOption,
+    SynchronisationOption,
+    TruthFlightOption,
+    TruthOption,
+)
 
 
 @app.command()
 def evaluate(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder written by reconstruct.")],
-    truth: Annotated[Path | None, typer.Option(help="True positions, x y z in metres a row.")] = None,
-    rate: Annotated[
-        float | None, typer.Option(min=0.001, help="Rows of the truth a second, where it has no column time_s.")
-    ] = None,
-    positions: Annotated[Path | None, typer.Option(help="Known camera centres: CSV camera,x,y,z.")] = None,
-    synchronisation: Annotated[
-        Path | None, typer.Option(help="Known synchronisation: CSV camera,slope,intercept.")
-    ] = None,
-    orientations: Annotated[
-        Path | None, typer.Option(help="Known camera orientations: JSON as a run's cameras.json.")
-    ] = None,
-    flight: Annotated[Path | None, typer.Option(help="FLIGHT whose [truth] to use.")] = None,
+    truth: TruthOption = None,
+    rate: RateOption = None,
+    positions: PositionsOption = None,
+    synchronisation: SynchronisationOption = None,
+    orientations: OrientationsOption = None,
+    flight: TruthFlightOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare a run with the truth: fits the truth's clock and a similarity, and prints the errors."""
@@ -43,18 +46,12 @@ def report(
     png: Annotated[
         Path | None, typer.Option("--png", metavar="DIR", help="Folder for pictures (PNG); needs skytrace[png].")
     ] = None,
-    truth: Annotated[Path | None, typer.Option(help="True positions, x y z in metres a row.")] = None,
-    rate: Annotated[
-        float | None, typer.Option(min=0.001, help="Rows of the truth a second, where it has no column time_s.")
-    ] = None,
-    positions: Annotated[Path | None, typer.Option(help="Known camera centres: CSV camera,x,y,z.")] = None,
-    synchronisation: Annotated[
-        Path | None, typer.Option(help="Known synchronisation: CSV camera,slope,intercept.")
-    ] = None,
-    orientations: Annotated[
-        Path | None, typer.Option(help="Known camera orientations: JSON as a run's cameras.json.")
-    ] = None,
-    flight: Annotated[Path | None, typer.Option(help="FLIGHT whose [truth] to use.")] = None,
+    truth: TruthOption = None,
+    rate: RateOption = None,
+    positions: PositionsOption = None,
+    synchronisation: SynchronisationOption = None,
+    orientations: OrientationsOption = None,
+    flight: TruthFlightOption = None,
 ) -> None:
     """Add the truth to a run's report, and draw pictures for papers."""
     from skytrace.cli.evaluate import TruthFiles
