@@ -30,10 +30,10 @@ def sync_benchmark_command(
         words = "  ".join(filter(None, (*table.cells(row), table.failures(row))))
         print(f"{len(rows):>2}/{count(chosen)} {words}", file=sys.stderr, flush=True)
     print(table.as_text(rows), end="")
-    if json_file is not None:
-        write_text(json_file, json_text(table.as_document(rows)) + "\n")
-    if markdown_file is not None:
-        write_text(markdown_file, table.as_markdown(rows))
+    _write_all(
+        (json_file, json_text(table.as_document(rows)) + "\n"),
+        (markdown_file, table.as_markdown(rows)),
+    )
 
 
 def calibration_benchmark_command(
@@ -49,10 +49,10 @@ def calibration_benchmark_command(
         rows.append(row)
         print(f"{len(rows):>2}/{calibration.count()} {'  '.join(tables.cells(row))}", file=sys.stderr, flush=True)
     print(tables.as_text(rows), end="")
-    if json_file is not None:
-        write_text(json_file, json_text(tables.as_document(rows)) + "\n")
-    if markdown_file is not None:
-        write_text(markdown_file, tables.as_markdown(rows))
+    _write_all(
+        (json_file, json_text(tables.as_document(rows)) + "\n"),
+        (markdown_file, tables.as_markdown(rows)),
+    )
 
 
 def ablation_benchmark_command(
@@ -82,10 +82,17 @@ def ablation_benchmark_command(
             words = "  ".join(filter(None, (*ablation_table.cells(row), row.failure)))
             print(f"{len(rows):>3}/{total} {words}", file=sys.stderr, flush=True)
     print(ablation_table.as_text(rows), end="")
-    if json_file is not None:
-        write_text(json_file, json_text(ablation_table.as_document(rows)) + "\n")
-    if markdown_file is not None:
-        write_text(markdown_file, ablation_table.as_markdown(rows))
+    _write_all(
+        (json_file, json_text(ablation_table.as_document(rows)) + "\n"),
+        (markdown_file, ablation_table.as_markdown(rows)),
+    )
+
+
+def _write_all(*outputs: tuple[Path | None, str]) -> None:
+    """Write the texts of those outputs that were asked for."""
+    for path, text in outputs:
+        if path is not None:
+            write_text(path, text)
 
 
 def _checked(data: Path | None, *outputs: Path | None) -> Path:
@@ -142,13 +149,11 @@ def recordings_benchmark_command(
     worse = recordings_baseline.compare(rows, baseline)
     print("\nNothing is worse than the baseline beyond noise." if not worse else "\nWorse than the baseline:")
     print("".join(f"  {sentence}\n" for sentence in worse), end="")
-    for path, text in (
+    _write_all(
         (json_file, json_text(tables.as_document(rows)) + "\n"),
         (csv_file, tables.as_csv(rows)),
         (markdown_file, tables.as_markdown(rows)),
         (save_baseline, json_text(recordings_baseline.document(rows)) + "\n"),
-    ):
-        if path is not None:
-            write_text(path, text)
+    )
     if strict and worse:
         raise typer.Exit(1)
